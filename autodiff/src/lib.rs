@@ -1,0 +1,1 @@
+//! Vectorised-tape automatic differentiation.
