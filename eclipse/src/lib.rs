@@ -1,3 +1,8 @@
 //! Reconstruction of light, materials and unseen occluders from posed photographs.
 
 pub mod capture;
+pub mod checkpoint;
+pub mod control;
+pub mod output;
+pub mod reconstruction;
+pub mod settings;

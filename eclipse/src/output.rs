@@ -1,0 +1,3 @@
+//! A reconstruction on disk.
+
+pub mod atomic;

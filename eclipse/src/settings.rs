@@ -1,0 +1,99 @@
+//! Every option of a reconstruction, resolved: what a run needs to be repeated or continued.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+/// The options of one run, without defaults left to guess; written as `settings.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Settings {
+    /// Which algorithm.
+    pub preset: Preset,
+    /// Wall-clock budget of the solve in seconds, reading and writing aside; `None` runs until `iterations` or convergence.
+    pub time_limit: Option<f64>,
+    /// Most iterations of the optimiser; `None` leaves it to the preset.
+    pub iterations: Option<u64>,
+    /// Seed of every random number.
+    pub seed: u64,
+    /// Threads used; results do not depend on it.
+    pub threads: usize,
+    /// Memory budget in bytes.
+    pub memory: u64,
+    /// Whether unseen occluders are modelled at all.
+    pub occluders: bool,
+    /// What is assumed about the occluders before the images are seen.
+    pub occluder_prior: OccluderPrior,
+    /// Lambertian materials: roughness and specularity are not fitted.
+    pub lambertian: bool,
+    /// Every K-th frame is kept out of the fit of environment and materials.
+    pub hold_out: Option<usize>,
+    /// Rows of the environment's and the masks' grid; columns are twice as many.
+    pub grid_rows: usize,
+    /// Degree of the spherical harmonics of an occluder's mask.
+    pub harmonic_degree: usize,
+    /// Mesh given in place of the capture's own.
+    pub mesh: Option<PathBuf>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            preset: Preset::Fast,
+            time_limit: Some(150.0),
+            iterations: None,
+            seed: 0,
+            threads: std::thread::available_parallelism().map_or(1, |n| n.get()),
+            memory: 4 << 30,
+            occluders: true,
+            occluder_prior: OccluderPrior::Operator,
+            lambertian: false,
+            hold_out: None,
+            grid_rows: 50,
+            harmonic_degree: 16,
+            mesh: None,
+        }
+    }
+}
+
+/// Which algorithm solves for light, materials and occluders.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Preset {
+    /// Second order on quadrature transport, then refinement: the best known.
+    #[default]
+    Fast,
+    /// The paper's algorithm: Monte Carlo, the two-sample loss of Eq. 9, Adam at its rates.
+    Paper,
+}
+
+impl Preset {
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Fast => "fast",
+            Self::Paper => "paper",
+        }
+    }
+}
+
+/// What is assumed about the occluders before the images are seen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum OccluderPrior {
+    /// An upright person behind each camera.
+    #[default]
+    Operator,
+    /// Nothing: masks start transparent, as in the paper.
+    None,
+}
+
+impl OccluderPrior {
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Operator => "operator",
+            Self::None => "none",
+        }
+    }
+}
