@@ -3,6 +3,8 @@
 pub mod capture;
 pub mod checkpoint;
 pub mod control;
+pub mod files;
+pub mod image_io;
 pub mod output;
 pub mod reconstruction;
 pub mod settings;

@@ -1,0 +1,28 @@
+//! Reading files that a stranger may have made.
+
+use std::{
+    fs::{self, File},
+    io::{self, Read},
+    path::Path,
+};
+
+/// Reads a regular file of at most `limit` bytes.
+///
+/// # Errors
+/// Devices, pipes and folders are refused, so that a capture cannot make a reader wait or swallow memory for ever.
+pub fn read_limited(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
+    let metadata = fs::metadata(path)?;
+    if !metadata.is_file() {
+        return Err(io::Error::other("it is not a regular file"));
+    }
+    if metadata.len() > limit {
+        return Err(io::Error::other(format!(
+            "it has {} bytes, more than the {limit} allowed",
+            metadata.len()
+        )));
+    }
+    let mut bytes = Vec::with_capacity(metadata.len() as usize);
+    // A file may grow between the two calls: the limit is enforced on what is read as well.
+    File::open(path)?.take(limit).read_to_end(&mut bytes)?;
+    Ok(bytes)
+}

@@ -1,0 +1,275 @@
+//! OpenEXR, by the `exr` crate.
+
+use std::{collections::BTreeMap, io::Cursor, path::Path};
+
+use exr::{
+    meta::MetaData,
+    prelude::{
+        self as exr_image, AnyChannel, AnyChannels, AttributeValue, Compression, Encoding,
+        FlatSamples, Layer, LayerAttributes, ReadChannels, ReadLayers, SmallVec, Text, Vec2,
+        WritableImage, f16,
+    },
+};
+use render::image::Image;
+
+use super::{ImageIoError, check_size};
+
+/// The first bytes of every OpenEXR file.
+pub(super) const MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
+
+/// The first layer of an OpenEXR file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExrFile {
+    /// All channels interleaved, over the display window (zero outside the data window).
+    pub image: Image,
+    /// Names of the channels, in the order of the image: alphabetical, as the format stores them.
+    pub channel_names: Vec<String>,
+    /// Text attributes by name, among them the convention of an environment map.
+    pub metadata: BTreeMap<String, String>,
+}
+
+/// How samples are stored.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Precision {
+    /// 16-bit floats: 11 bits of precision up to 65 504.
+    Half,
+    /// 32-bit floats.
+    #[default]
+    Float,
+}
+
+/// How an OpenEXR file is written.
+#[derive(Clone, Debug, Default)]
+pub struct ExrOptions {
+    /// How samples are stored.
+    pub precision: Precision,
+    /// Text attributes by name.
+    pub metadata: BTreeMap<String, String>,
+}
+
+impl ExrFile {
+    /// The channels `names`, in that order, or `None` when one is missing.
+    pub fn select(&self, names: &[&str]) -> Option<Image> {
+        let indices: Option<Vec<usize>> = names
+            .iter()
+            .map(|name| self.channel_names.iter().position(|own| own == name))
+            .collect();
+        let indices = indices?;
+        let Image {
+            width,
+            height,
+            channels,
+            data,
+        } = &self.image;
+        let data = data
+            .chunks_exact(*channels)
+            .flat_map(|pixel| indices.iter().map(|&i| pixel[i]))
+            .collect();
+        Some(Image {
+            width: *width,
+            height: *height,
+            channels: indices.len(),
+            data,
+        })
+    }
+
+    /// The colour: RGB or Y, with alpha last where there is one. Channels of layers (`Combined.R`) count when no plain
+    /// ones exist, the first such layer in the alphabet.
+    pub fn color_image(&self, path: &Path) -> Result<Image, ImageIoError> {
+        let layers = self
+            .channel_names
+            .iter()
+            .filter_map(|name| name.strip_suffix('R'));
+        for layer in [""].into_iter().chain(layers) {
+            for colors in [
+                &["R", "G", "B", "A"][..],
+                &["R", "G", "B"],
+                &["Y", "A"],
+                &["Y"],
+            ] {
+                let names: Vec<String> = colors
+                    .iter()
+                    .map(|color| format!("{layer}{color}"))
+                    .collect();
+                let names: Vec<&str> = names.iter().map(String::as_str).collect();
+                if let Some(image) = self.select(&names) {
+                    return Ok(image);
+                }
+            }
+        }
+        Err(ImageIoError::Channels {
+            path: path.into(),
+            found: self.channel_names.join(", "),
+        })
+    }
+}
+
+/// Decodes an OpenEXR file; `path` only names it in errors.
+pub fn decode_exr(bytes: &[u8], path: &Path) -> Result<ExrFile, ImageIoError> {
+    let damaged = |reason: String| ImageIoError::Decode {
+        path: path.into(),
+        reason,
+    };
+    let fail = |error: exr::error::Error| damaged(error.to_string());
+    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(fail)?;
+    let mut samples = 0_usize;
+    for header in &meta.headers {
+        let Vec2(width, height) = header.layer_size;
+        check_size(path, width, height, header.channels.list.len())?;
+        samples = samples.saturating_add(width * height * header.channels.list.len());
+        let Vec2(width, height) = header.shared_attributes.display_window.size;
+        check_size(path, width, height, header.channels.list.len())?;
+    }
+    // Every layer is decoded: their sum is bounded as well.
+    check_size(path, 1, 1, samples)?;
+    let file = exr_image::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .all_layers()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(Cursor::new(bytes))
+        .map_err(fail)?;
+    let window = file.attributes.display_window;
+    let Some(layer) = file.layer_data.first() else {
+        return Err(damaged("it has no layer".into()));
+    };
+    let mut metadata = BTreeMap::new();
+    for (name, value) in file.attributes.other.iter().chain(&layer.attributes.other) {
+        if let AttributeValue::Text(text) = value {
+            metadata.insert(name.to_string(), text.to_string());
+        }
+    }
+    let channels = &layer.channel_data.list;
+    let Vec2(layer_width, layer_height) = layer.size;
+    let mut image = Image::filled(window.size.0, window.size.1, channels.len(), 0.0);
+    for (index, channel) in channels.iter().enumerate() {
+        if channel.sample_data.len() != layer_width * layer_height {
+            return Err(damaged("subsampled channels are not supported".into()));
+        }
+        for (offset, value) in channel.sample_data.values_as_f32().enumerate() {
+            let x = (offset % layer_width) as i64 + i64::from(layer.attributes.layer_position.0);
+            let y = (offset / layer_width) as i64 + i64::from(layer.attributes.layer_position.1);
+            let (x, y) = (
+                x - i64::from(window.position.0),
+                y - i64::from(window.position.1),
+            );
+            if (0..image.width as i64).contains(&x) && (0..image.height as i64).contains(&y) {
+                image.pixel_mut(x as usize, y as usize)[index] = value;
+            }
+        }
+    }
+    let channel_names = channels
+        .iter()
+        .map(|channel| channel.name.to_string())
+        .collect();
+    Ok(ExrFile {
+        image,
+        channel_names,
+        metadata,
+    })
+}
+
+/// Encodes `image` with one name a channel, ZIP-compressed; the same image gives the same bytes. `path` only names it
+/// in errors.
+pub fn encode_exr(
+    image: &Image,
+    channel_names: &[&str],
+    options: &ExrOptions,
+    path: &Path,
+) -> Result<Vec<u8>, ImageIoError> {
+    let fail = |reason: String| ImageIoError::Encode {
+        path: path.into(),
+        reason,
+    };
+    let text = |string: &str| {
+        let text = Text::new_or_none(string).filter(|text| !text.as_slice().is_empty());
+        text.ok_or_else(|| {
+            fail(format!(
+                "{string:?} is not a name or text that OpenEXR can hold (Latin-1, not empty)"
+            ))
+        })
+    };
+    if channel_names.len() != image.channels || image.channels == 0 {
+        return Err(fail(format!(
+            "{} channel names were given for {} channels",
+            channel_names.len(),
+            image.channels
+        )));
+    }
+    if image.data.is_empty() || image.data.len() != image.width * image.height * image.channels {
+        return Err(fail(format!(
+            "{} values are not {} × {} pixels",
+            image.data.len(),
+            image.width,
+            image.height
+        )));
+    }
+    let mut channels = SmallVec::new();
+    for (index, name) in channel_names.iter().enumerate() {
+        let values = image.data.iter().skip(index).step_by(image.channels);
+        let samples = match options.precision {
+            Precision::Half => {
+                FlatSamples::F16(values.map(|&value| f16::from_f32(value)).collect())
+            }
+            Precision::Float => FlatSamples::F32(values.copied().collect()),
+        };
+        channels.push(AnyChannel::new(text(name)?, samples));
+    }
+    let encoding = Encoding {
+        compression: Compression::ZIP16,
+        ..Encoding::SMALL_LOSSLESS
+    };
+    let size = (image.width, image.height);
+    let layer = Layer::new(
+        size,
+        LayerAttributes::default(),
+        encoding,
+        AnyChannels::sort(channels),
+    );
+    let mut file = exr_image::Image::from_layer(layer);
+    for (name, value) in &options.metadata {
+        file.attributes
+            .other
+            .insert(text(name)?, AttributeValue::Text(text(value)?));
+    }
+    let mut bytes = Cursor::new(Vec::new());
+    file.write()
+        .non_parallel()
+        .to_buffered(&mut bytes)
+        .map_err(|error| fail(error.to_string()))?;
+    let mut bytes = bytes.into_inner();
+    sort_attributes(&mut bytes);
+    Ok(bytes)
+}
+
+/// Puts the header's attributes in alphabetical order: the writer keeps those of ours in a hash map, whose order
+/// changes from run to run. Lengths, and with them all offsets, stay.
+fn sort_attributes(bytes: &mut [u8]) {
+    const START: usize = 8; // magic and version
+    let mut attributes: Vec<Vec<u8>> = Vec::new();
+    let mut position = START;
+    let text_end = |from: usize| {
+        bytes[from..]
+            .iter()
+            .position(|&byte| byte == 0)
+            .map(|length| from + length + 1)
+    };
+    while bytes.get(position).is_some_and(|&byte| byte != 0) {
+        let Some(value) = text_end(position).and_then(text_end) else {
+            return;
+        };
+        let Some(length) = bytes.get(value..value + 4) else {
+            return;
+        };
+        let length = u32::from_le_bytes([length[0], length[1], length[2], length[3]]) as usize;
+        let Some(attribute) = bytes.get(position..value + 4 + length) else {
+            return;
+        };
+        attributes.push(attribute.to_vec());
+        position = value + 4 + length;
+    }
+    attributes.sort();
+    bytes[START..position].copy_from_slice(&attributes.concat());
+}

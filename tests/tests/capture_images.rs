@@ -1,0 +1,188 @@
+//! Image files: what is written is read back, and what is damaged is refused with one clear message.
+
+use std::{collections::BTreeMap, path::Path};
+
+use eclipse::image_io::{
+    ColorEncoding, ExrOptions, Precision, decode_exr, decode_image, encode_exr, encode_png8,
+    linear_to_srgb, read_exr, read_exr_file, read_image, srgb_to_linear, write_exr, write_exr_with,
+    write_png8,
+};
+use proptest::prelude::*;
+use render::image::Image;
+
+/// A picture whose every value differs.
+fn ramp(width: usize, height: usize, channels: usize) -> Image {
+    let count = width * height * channels;
+    Image {
+        width,
+        height,
+        channels,
+        data: (0..count).map(|i| i as f32 / count as f32).collect(),
+    }
+}
+
+#[test]
+fn exr_floats_survive_bit_for_bit_with_any_channel_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.exr");
+    let image = ramp(7, 5, 3);
+    write_exr(&path, &image, &["roughness", "Z", "specular"]).unwrap();
+    let file = read_exr_file(&path).unwrap();
+    assert_eq!(file.channel_names, ["Z", "roughness", "specular"]);
+    assert_eq!(file.select(&["roughness", "Z", "specular"]).unwrap(), image);
+    assert!(
+        read_exr(&path)
+            .unwrap_err()
+            .to_string()
+            .contains("has the channels Z, roughness, specular")
+    );
+}
+
+#[test]
+fn exr_half_keeps_eleven_bits_and_metadata() {
+    let image = ramp(9, 4, 4);
+    let metadata = BTreeMap::from([
+        ("a".to_owned(), "1".to_owned()),
+        ("convention".to_owned(), "z up".to_owned()),
+    ]);
+    let options = ExrOptions {
+        precision: Precision::Half,
+        metadata: metadata.clone(),
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.exr");
+    write_exr_with(&path, &image, &["R", "G", "B", "A"], &options).unwrap();
+    assert_eq!(read_exr_file(&path).unwrap().metadata, metadata);
+    let read = read_exr(&path).unwrap();
+    for (read, written) in read.data.iter().zip(&image.data) {
+        assert!(
+            (read - written).abs() <= written / 2048.0,
+            "{read} {written}"
+        );
+    }
+}
+
+#[test]
+fn exr_bytes_are_a_function_of_the_image() {
+    let metadata: BTreeMap<String, String> = (0..20)
+        .map(|i| (format!("key {i}"), format!("value {i}")))
+        .collect();
+    let options = ExrOptions {
+        precision: Precision::Float,
+        metadata: metadata.clone(),
+    };
+    let encode = || encode_exr(&ramp(8, 8, 1), &["Y"], &options, Path::new("a.exr")).unwrap();
+    let first = encode();
+    assert_eq!(
+        decode_exr(&first, Path::new("a.exr")).unwrap().metadata,
+        metadata
+    );
+    for _ in 0..5 {
+        assert_eq!(encode(), first);
+    }
+}
+
+#[test]
+fn unwritable_images_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a");
+    let message = |error: eclipse::image_io::ImageIoError| error.to_string();
+    assert!(
+        message(write_exr(&path, &ramp(2, 2, 3), &["R"]).unwrap_err())
+            .contains("1 channel names were given for 3")
+    );
+    assert!(
+        message(write_exr(&path, &ramp(2, 2, 1), &["光"]).unwrap_err())
+            .contains("not a name or text")
+    );
+    assert!(
+        message(write_png8(&path, &ramp(2, 2, 2)).unwrap_err())
+            .contains("1, 3 or 4 channels, not 2")
+    );
+    let nowhere = folder.path().join("missing/a.exr");
+    assert!(
+        message(write_exr(&nowhere, &ramp(2, 2, 1), &["Y"]).unwrap_err())
+            .contains("check that the folder exists")
+    );
+    assert_eq!(
+        std::fs::read_dir(folder.path()).unwrap().count(),
+        0,
+        "nothing may be left behind"
+    );
+}
+
+#[test]
+fn png_values_follow_the_encoding() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.png");
+    let image = Image {
+        width: 2,
+        height: 1,
+        channels: 4,
+        data: vec![0.0, 0.2, 1.0, 0.6, 0.4, 2.0, f32::NAN, 0.2],
+    };
+    write_png8(&path, &image).unwrap();
+    let linear = read_image(&path, Some(ColorEncoding::Linear)).unwrap();
+    assert_eq!(linear.data, [0.0, 0.2, 1.0, 0.6, 0.4, 1.0, 0.0, 0.2]);
+    let srgb = read_image(&path, None).unwrap();
+    assert_eq!(srgb.data[1], srgb_to_linear(0.2));
+    assert_eq!(srgb.data[3], 0.6, "alpha carries no curve");
+}
+
+#[test]
+fn the_srgb_curve_has_its_published_values() {
+    // IEC 61966-2-1: mid grey 118/255 is 0.18116, the straight part ends at 0.04045.
+    assert!((srgb_to_linear(118.0 / 255.0) - 0.181_164).abs() < 1e-5);
+    assert!((srgb_to_linear(0.04045) - 0.003_130_8).abs() < 1e-7);
+    for i in 0..=100 {
+        let value = i as f32 / 100.0;
+        assert!((linear_to_srgb(srgb_to_linear(value)) - value).abs() < 1e-5);
+    }
+}
+
+#[test]
+fn absurd_sizes_are_refused_before_allocation() {
+    // The header of a real file with its windows replaced: 2³⁰ × 2³⁰ pixels would need exabytes.
+    let mut bytes = encode_exr(
+        &ramp(4, 4, 1),
+        &["Y"],
+        &ExrOptions::default(),
+        Path::new("a.exr"),
+    )
+    .unwrap();
+    for window in [&b"dataWindow\0box2i\0"[..], b"displayWindow\0box2i\0"] {
+        let start = bytes
+            .windows(window.len())
+            .position(|bytes| bytes == window)
+            .unwrap()
+            + window.len()
+            + 4;
+        bytes[start + 8..start + 12].copy_from_slice(&((1_u32 << 30) - 1).to_le_bytes());
+        bytes[start + 12..start + 16].copy_from_slice(&((1_u32 << 30) - 1).to_le_bytes());
+    }
+    let message = decode_image(&bytes, Path::new("a.exr"), None)
+        .unwrap_err()
+        .to_string();
+    assert!(message.contains("a.exr"), "{message}");
+    let mut bytes = encode_png8(&ramp(4, 4, 1), Path::new("a.png")).unwrap();
+    bytes[16..20].copy_from_slice(&2_000_000_000_u32.to_be_bytes());
+    let message = decode_image(&bytes, Path::new("a.png"), None)
+        .unwrap_err()
+        .to_string();
+    assert!(message.contains("a.png"), "{message}");
+}
+
+proptest! {
+    #[test]
+    fn truncated_and_altered_images_never_panic(cut in 0_usize..90, at in any::<prop::sample::Index>(), byte: u8) {
+        let path = Path::new("a");
+        let exr = encode_exr(&ramp(6, 5, 3), &["R", "G", "B"], &ExrOptions::default(), path).unwrap();
+        let png = encode_png8(&ramp(6, 5, 3), path).unwrap();
+        for mut bytes in [exr, png] {
+            prop_assert!(decode_image(&bytes[..bytes.len() * cut / 100], path, None).is_err());
+            let at = at.index(bytes.len());
+            bytes[at] = byte;
+            let _ = decode_image(&bytes, path, None);
+        }
+    }
+}
