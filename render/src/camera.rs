@@ -1,6 +1,6 @@
 //! Perspective cameras with OpenCV distortion.
 
-use glam::Mat4;
+use glam::{Mat4, Vec2, Vec3};
 
 /// A pinhole camera, OpenGL axes (+x right, +y up, looking along −z), with OpenCV lens distortion.
 ///
@@ -19,4 +19,183 @@ pub struct Camera {
     pub distortion: [f32; 4],
     /// Camera-to-world transform, rigid.
     pub world_from_camera: Mat4,
+}
+
+/// A half line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ray {
+    /// Where it starts.
+    pub origin: Vec3,
+    /// Where it goes: a unit vector.
+    pub direction: Vec3,
+}
+
+impl Camera {
+    /// An ideal camera with square pixels and a central principal point, from its horizontal field of view (radians).
+    pub fn from_fov(width: usize, height: usize, angle_x: f32, world_from_camera: Mat4) -> Self {
+        let focal = 0.5 * width as f32 / (0.5 * angle_x).tan();
+        Self {
+            width,
+            height,
+            focal: [focal; 2],
+            principal: [0.5 * width as f32, 0.5 * height as f32],
+            distortion: [0.0; 4],
+            world_from_camera,
+        }
+    }
+
+    /// An ideal camera at `eye` that looks at `target` with the world's z up in the image.
+    ///
+    /// Looking straight up or down leaves the roll open; y is taken as up then.
+    pub fn look_at(width: usize, height: usize, angle_x: f32, eye: Vec3, target: Vec3) -> Self {
+        let back = (eye - target).try_normalize().unwrap_or(Vec3::Z);
+        let up = if back.z.abs() > 0.9999 {
+            Vec3::Y
+        } else {
+            Vec3::Z
+        };
+        let right = up.cross(back).normalize();
+        let axes = [
+            right.extend(0.0),
+            back.cross(right).extend(0.0),
+            back.extend(0.0),
+            eye.extend(1.0),
+        ];
+        Self::from_fov(
+            width,
+            height,
+            angle_x,
+            Mat4::from_cols(axes[0], axes[1], axes[2], axes[3]),
+        )
+    }
+
+    /// The centre of projection in the world.
+    pub fn centre(&self) -> Vec3 {
+        self.world_from_camera.w_axis.truncate()
+    }
+
+    /// The distance of the centre of projection from the world's origin: the radius r_t of its occluder shell.
+    pub fn distance(&self) -> f32 {
+        self.centre().length()
+    }
+
+    /// The world ray through the place (x, y) of the image, in pixels with pixel corners at integers.
+    pub fn ray(&self, x: f32, y: f32) -> Ray {
+        // OpenCV's image axes point right and down; the camera's y points up and it looks along −z.
+        let distorted = Vec2::new(
+            (x - self.principal[0]) / self.focal[0],
+            (y - self.principal[1]) / self.focal[1],
+        );
+        let ideal = self.undistort(distorted);
+        let local = Vec3::new(ideal.x, -ideal.y, -1.0);
+        Ray {
+            origin: self.centre(),
+            direction: self.world_from_camera.transform_vector3(local).normalize(),
+        }
+    }
+
+    /// The image place (x, y) in pixels of a world point, unless it is not in front of the camera.
+    pub fn project(&self, point: Vec3) -> Option<[f32; 2]> {
+        let offset = point - self.centre();
+        let axes = self.world_from_camera;
+        let depth = -offset.dot(axes.z_axis.truncate());
+        if depth <= 0.0 {
+            return None;
+        }
+        let right = offset.dot(axes.x_axis.truncate());
+        let down = -offset.dot(axes.y_axis.truncate());
+        let d = self.distort(Vec2::new(right, down) / depth).0;
+        Some([
+            d.x * self.focal[0] + self.principal[0],
+            d.y * self.focal[1] + self.principal[1],
+        ])
+    }
+
+    /// OpenCV's distortion of an ideal image point (right, down at unit depth), with its Jacobian by rows.
+    fn distort(&self, p: Vec2) -> (Vec2, [[f32; 2]; 2]) {
+        let [k1, k2, p1, p2] = self.distortion;
+        let (x, y) = (p.x, p.y);
+        let r2 = x * x + y * y;
+        let radial = 1.0 + r2 * (k1 + r2 * k2);
+        // d(radial)/dx = slope · x, likewise for y.
+        let slope = 2.0 * k1 + 4.0 * k2 * r2;
+        let distorted = Vec2::new(
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        );
+        let mixed = slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y;
+        let jacobian = [
+            [radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x, mixed],
+            [mixed, radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x],
+        ];
+        (distorted, jacobian)
+    }
+
+    /// The ideal image point of a distorted one, by Newton's method from the distorted point.
+    fn undistort(&self, distorted: Vec2) -> Vec2 {
+        if self.distortion == [0.0; 4] {
+            return distorted;
+        }
+        let mut p = distorted;
+        for _ in 0..20 {
+            let (value, [[a, b], [c, d]]) = self.distort(p);
+            let residual = value - distorted;
+            let determinant = a * d - b * c;
+            // Where the lens model folds over there is no inverse; the last good point is the best answer.
+            if determinant.abs() < 1e-6 {
+                break;
+            }
+            let step = Vec2::new(
+                d * residual.x - b * residual.y,
+                a * residual.y - c * residual.x,
+            ) / determinant;
+            p -= step;
+            if step.length_squared() < 1e-14 {
+                break;
+            }
+        }
+        p
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera() -> Camera {
+        let eye = Vec3::new(3.0, -2.0, 1.5);
+        Camera {
+            focal: [140.0, 150.0],
+            principal: [63.0, 66.0],
+            distortion: [0.12, -0.05, 0.003, -0.002],
+            ..Camera::look_at(128, 128, 0.5, eye, Vec3::ZERO)
+        }
+    }
+
+    #[test]
+    fn projecting_a_point_of_a_ray_gives_the_pixel_back() {
+        let camera = camera();
+        for (x, y) in [(0.0, 0.0), (64.5, 60.2), (127.9, 3.3), (20.0, 128.0)] {
+            let ray = camera.ray(x, y);
+            let [x2, y2] = camera.project(ray.origin + 2.7 * ray.direction).unwrap();
+            assert!(
+                (x - x2).abs() < 2e-3 && (y - y2).abs() < 2e-3,
+                "{x} {y} -> {x2} {y2}"
+            );
+            assert!(camera.project(ray.origin - ray.direction).is_none());
+        }
+    }
+
+    #[test]
+    fn the_centre_looks_at_the_target_and_up_is_up() {
+        let camera = Camera {
+            principal: [64.0, 64.0],
+            distortion: [0.0; 4],
+            ..camera()
+        };
+        let ray = camera.ray(64.0, 64.0);
+        assert!((ray.direction + camera.centre().normalize()).length() < 1e-5);
+        assert!(camera.ray(64.0, 0.0).direction.z > ray.direction.z);
+        assert!((camera.distance() - Vec3::new(3.0, -2.0, 1.5).length()).abs() < 1e-5);
+    }
 }

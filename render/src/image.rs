@@ -16,7 +16,12 @@ pub struct Image {
 impl Image {
     /// An image filled with `value`.
     pub fn filled(width: usize, height: usize, channels: usize, value: f32) -> Self {
-        Self { width, height, channels, data: vec![value; width * height * channels] }
+        Self {
+            width,
+            height,
+            channels,
+            data: vec![value; width * height * channels],
+        }
     }
 
     /// The values of the pixel in column `x` of row `y`.

@@ -1,5 +1,16 @@
 //! Differentiable rendering of one object of known shape under distant light and unseen occluders.
 
+pub mod bvh;
 pub mod camera;
+pub mod convention;
+pub mod environment;
+pub mod harmonics;
 pub mod image;
+pub mod lat_long;
+pub mod math;
 pub mod mesh;
+pub mod occluder;
+pub mod pyramid;
+pub mod sampler;
+pub mod transport;
+pub mod warp;

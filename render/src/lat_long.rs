@@ -1,0 +1,175 @@
+//! The equirectangular grid on which environments, masks and visibility live.
+//!
+//! Texel-centred, top row +z, centre column +x, the column grows as the azimuth falls (Blender): a direction has
+//! u = ½ − atan2(y, x)/2π and v = acos(z)/π, texel (r, c) is at u = (c + ½)/columns, v = (r + ½)/rows. Lookups wrap in u
+//! and clamp in v.
+
+use std::f32::consts::{PI, TAU};
+
+use glam::Vec3;
+
+/// An equirectangular grid of `rows` × `columns` texels, row-major.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LatLong {
+    /// Texels from pole to pole.
+    pub rows: usize,
+    /// Texels around.
+    pub columns: usize,
+}
+
+/// The four texels around a direction and their weights, which sum to one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bilinear {
+    /// Row-major texel indices: upper left, upper right, lower left, lower right.
+    pub index: [u32; 4],
+    /// Their weights.
+    pub weight: [f32; 4],
+}
+
+impl Bilinear {
+    /// The weighted sum of a table's entries.
+    #[inline]
+    pub fn gather(&self, table: &[f32]) -> f32 {
+        (0..4)
+            .map(|k| self.weight[k] * table[self.index[k] as usize])
+            .sum()
+    }
+}
+
+impl LatLong {
+    /// A grid of `rows` × `columns`.
+    pub const fn new(rows: usize, columns: usize) -> Self {
+        Self { rows, columns }
+    }
+
+    /// The number of texels.
+    pub const fn len(&self) -> usize {
+        self.rows * self.columns
+    }
+
+    /// Whether the grid has no texels.
+    pub const fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The unit direction at (u, v) of [0, 1]².
+    pub fn direction(u: f32, v: f32) -> Vec3 {
+        let (sin_phi, cos_phi) = ((0.5 - u) * TAU).sin_cos();
+        let (sin_theta, cos_theta) = (v * PI).sin_cos();
+        Vec3::new(sin_theta * cos_phi, sin_theta * sin_phi, cos_theta)
+    }
+
+    /// The coordinates (u, v) of a unit direction.
+    pub fn coordinates(direction: Vec3) -> [f32; 2] {
+        // acos(z) has no digits left next to the poles; atan2 of the two legs keeps them.
+        let horizontal = direction.x.hypot(direction.y);
+        [
+            0.5 - direction.y.atan2(direction.x) / TAU,
+            horizontal.atan2(direction.z) / PI,
+        ]
+    }
+
+    /// The direction of the centre of a texel.
+    pub fn texel_direction(&self, row: usize, column: usize) -> Vec3 {
+        self.direction_within(row, column, [0.5, 0.5])
+    }
+
+    /// The direction at `place` of [0, 1]² (across, down) within a texel.
+    pub fn direction_within(&self, row: usize, column: usize, place: [f32; 2]) -> Vec3 {
+        Self::direction(
+            (column as f32 + place[0]) / self.columns as f32,
+            (row as f32 + place[1]) / self.rows as f32,
+        )
+    }
+
+    /// The solid angle (sr) of each texel of a row, exactly: they sum to 4π over the grid.
+    pub fn solid_angle(&self, row: usize) -> f32 {
+        self.band_solid_angle(row as f32, row as f32 + 1.0)
+    }
+
+    /// The solid angle (sr), one texel wide, between the fractional rows `top` and `bottom`.
+    pub fn band_solid_angle(&self, top: f32, bottom: f32) -> f32 {
+        let z = |row: f32| (f64::from(row) / self.rows as f64 * std::f64::consts::PI).cos();
+        ((z(top) - z(bottom)) * std::f64::consts::TAU / self.columns as f64) as f32
+    }
+
+    /// The texel that a direction falls in.
+    pub fn nearest(&self, direction: Vec3) -> usize {
+        let [u, v] = Self::coordinates(direction);
+        let column = ((u * self.columns as f32) as usize) % self.columns;
+        let row = ((v * self.rows as f32) as usize).min(self.rows - 1);
+        row * self.columns + column
+    }
+
+    /// The four texels around a direction.
+    pub fn bilinear(&self, direction: Vec3) -> Bilinear {
+        let [u, v] = Self::coordinates(direction);
+        self.bilinear_at(u, v)
+    }
+
+    /// The four texels around (u, v); u may be any number, v is clamped.
+    pub fn bilinear_at(&self, u: f32, v: f32) -> Bilinear {
+        let x = u * self.columns as f32 - 0.5;
+        let y = (v * self.rows as f32 - 0.5).clamp(0.0, (self.rows - 1) as f32);
+        let left = x.floor();
+        let top = y.floor().min((self.rows - 1) as f32);
+        let (fx, fy) = (x - left, y - top);
+        let wrap = |c: i64| c.rem_euclid(self.columns as i64) as usize;
+        let (c0, c1) = (wrap(left as i64), wrap(left as i64 + 1));
+        let r0 = top as usize;
+        let r1 = (r0 + 1).min(self.rows - 1);
+        let at = |r: usize, c: usize| (r * self.columns + c) as u32;
+        Bilinear {
+            index: [at(r0, c0), at(r0, c1), at(r1, c0), at(r1, c1)],
+            weight: [
+                (1.0 - fx) * (1.0 - fy),
+                fx * (1.0 - fy),
+                (1.0 - fx) * fy,
+                fx * fy,
+            ],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_convention_is_blenders() {
+        let near = |a: Vec3, b: Vec3| (a - b).length() < 1e-6;
+        assert!(near(LatLong::direction(0.5, 0.5), Vec3::X));
+        assert!(near(LatLong::direction(0.25, 0.5), Vec3::Y));
+        assert!(near(LatLong::direction(0.5, 0.0), Vec3::Z));
+        for (u, v) in [(0.1, 0.2), (0.9, 0.7), (0.5, 0.01)] {
+            let [u2, v2] = LatLong::coordinates(LatLong::direction(u, v));
+            assert!((u - u2).abs() < 1e-5 && (v - v2).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn solid_angles_cover_the_sphere() {
+        let grid = LatLong::new(50, 100);
+        let total: f32 = (0..50).map(|r| grid.solid_angle(r) * 100.0).sum();
+        assert!((total - 4.0 * PI).abs() < 1e-4);
+    }
+
+    #[test]
+    fn bilinear_lookup_is_exact_at_centres_and_wraps() {
+        let grid = LatLong::new(5, 8);
+        let table: Vec<f32> = (0..grid.len()).map(|i| (i * i % 17) as f32).collect();
+        for r in 0..5 {
+            for c in 0..8 {
+                let d = grid.texel_direction(r, c);
+                assert!((grid.bilinear(d).gather(&table) - table[r * 8 + c]).abs() < 1e-3);
+                assert_eq!(grid.nearest(d), r * 8 + c);
+            }
+        }
+        let seam = grid.bilinear_at(0.0, 0.5).gather(&table);
+        assert!((seam - 0.5 * (table[2 * 8] + table[2 * 8 + 7])).abs() < 1e-5);
+        assert_eq!(
+            grid.bilinear_at(0.3, -1.0).index[0],
+            grid.bilinear_at(0.3, -1.0).index[2] - 8
+        );
+    }
+}

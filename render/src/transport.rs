@@ -1,0 +1,268 @@
+//! Transport rows: how much each texel of the environment lights a surface point, by quadrature over the grid.
+//!
+//! For a diffuse surface the radiance towards any camera is ρ/π Σ_texel weight · L · M: the weights depend on the shape
+//! alone and serve every frame and every iteration.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use crate::bvh::{Bvh, SurfacePoint, offset_origin};
+use crate::camera::Camera;
+use crate::lat_long::LatLong;
+use crate::occluder::mask_lookup;
+
+/// The nonzero entries of a row of the transport operator.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TransportRow {
+    /// Texels, ascending.
+    pub texel: Vec<u16>,
+    /// ∫ visibility · (n·ω)₊ dω over each texel, in steradians: a bare plane's row sums to π.
+    pub weight: Vec<f32>,
+}
+
+/// Where each entry of a row looks a mask up for one shell radius, bilinearly.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MaskLookups {
+    /// Four texels an entry.
+    pub index: Vec<[u16; 4]>,
+    /// Their weights.
+    pub weight: Vec<[f32; 4]>,
+}
+
+/// A grid prepared for quadrature: `side` × `side` rays a texel, each with its solid angle.
+#[derive(Clone, Debug)]
+pub struct Quadrature {
+    grid: LatLong,
+    side: usize,
+    /// `[texel][ray]`.
+    directions: Vec<Vec3>,
+    /// `[row][ray]`, steradians.
+    solid_angles: Vec<f32>,
+}
+
+impl Quadrature {
+    /// Quadrature by `side` × `side` rays a texel, each at the middle of an equal part of it (2 is a good default).
+    ///
+    /// # Panics
+    /// When the grid has more than 65,536 texels: rows name them by `u16`.
+    pub fn new(grid: LatLong, side: usize) -> Self {
+        assert!(
+            grid.len() <= 1 << 16,
+            "a transport grid has at most 65,536 texels"
+        );
+        let place = |k: usize| (k as f32 + 0.5) / side as f32;
+        let mut directions = Vec::with_capacity(grid.len() * side * side);
+        let mut solid_angles = Vec::with_capacity(grid.rows * side * side);
+        for row in 0..grid.rows {
+            for s in 0..side * side {
+                let top = row as f32 + (s / side) as f32 / side as f32;
+                let bottom = row as f32 + (s / side + 1) as f32 / side as f32;
+                solid_angles.push(grid.band_solid_angle(top, bottom) / side as f32);
+            }
+            for column in 0..grid.columns {
+                for s in 0..side * side {
+                    directions.push(grid.direction_within(
+                        row,
+                        column,
+                        [place(s % side), place(s / side)],
+                    ));
+                }
+            }
+        }
+        Self {
+            grid,
+            side,
+            directions,
+            solid_angles,
+        }
+    }
+
+    /// The grid.
+    pub fn grid(&self) -> LatLong {
+        self.grid
+    }
+
+    /// Rays a texel.
+    pub fn rays(&self) -> usize {
+        self.side * self.side
+    }
+
+    /// The direction of ray `ray` of a texel.
+    pub fn direction(&self, texel: usize, ray: usize) -> Vec3 {
+        self.directions[texel * self.rays() + ray]
+    }
+
+    /// The solid angle (sr) that a ray of a texel stands for.
+    pub fn solid_angle(&self, texel: usize, ray: usize) -> f32 {
+        self.solid_angles[texel / self.grid.columns * self.rays() + ray]
+    }
+
+    /// The row of a surface point.
+    pub fn row(&self, bvh: &Bvh, point: &SurfacePoint) -> TransportRow {
+        let mut dense = vec![0.0; self.grid.len()];
+        self.accumulate(bvh, point, 1.0, &mut dense);
+        sparse(&dense)
+    }
+
+    /// The rows of many points, in their order, in parallel.
+    pub fn rows(&self, bvh: &Bvh, points: &[SurfacePoint]) -> Vec<TransportRow> {
+        points
+            .par_iter()
+            .map(|point| self.row(bvh, point))
+            .collect()
+    }
+
+    /// The row of a pixel's footprint: the mean over `side` × `side` rays within it, and the mean surface point.
+    ///
+    /// The mean is over the rays that meet the object; `None` when none does. The third value is their share.
+    pub fn pixel_row(
+        &self,
+        bvh: &Bvh,
+        camera: &Camera,
+        pixel: [usize; 2],
+        side: usize,
+    ) -> Option<(TransportRow, SurfacePoint, f32)> {
+        let seen: Vec<SurfacePoint> = footprint(bvh, camera, pixel, side)
+            .map(|(point, _)| point)
+            .collect();
+        let count = seen.len() as f32;
+        let mean = mean_point(&seen)?;
+        let mut dense = vec![0.0; self.grid.len()];
+        for point in &seen {
+            self.accumulate(bvh, point, 1.0 / count, &mut dense);
+        }
+        Some((sparse(&dense), mean, count / (side * side) as f32))
+    }
+
+    /// Where the entries of a row look a mask up when its shell has radius `radius`, from the texels' centres.
+    pub fn mask_lookups(&self, row: &TransportRow, point: Vec3, radius: f32) -> MaskLookups {
+        let mut lookups = MaskLookups::default();
+        for &texel in &row.texel {
+            let texel = usize::from(texel);
+            let direction = self
+                .grid
+                .texel_direction(texel / self.grid.columns, texel % self.grid.columns);
+            let lookup = mask_lookup(self.grid, point, direction, radius);
+            lookups.index.push(lookup.index.map(|i| i as u16));
+            lookups.weight.push(lookup.weight);
+        }
+        lookups
+    }
+
+    /// Adds `scale` times the row of a point to a dense row.
+    fn accumulate(&self, bvh: &Bvh, point: &SurfacePoint, scale: f32, dense: &mut [f32]) {
+        let origin = offset_origin(point);
+        let rays = self.rays();
+        for (texel, directions) in self.directions.chunks_exact(rays).enumerate() {
+            let solid_angles = &self.solid_angles[texel / self.grid.columns * rays..][..rays];
+            for (direction, solid_angle) in directions.iter().zip(solid_angles) {
+                let cosine = point.normal.dot(*direction);
+                let above = cosine > 0.0 && point.geometric_normal.dot(*direction) > 0.0;
+                if above && !bvh.blocked(origin, *direction) {
+                    dense[texel] += scale * cosine * solid_angle;
+                }
+            }
+        }
+    }
+}
+
+/// The surface points that `side` × `side` rays of a pixel meet, each with the direction towards the camera.
+pub fn footprint<'a>(
+    bvh: &'a Bvh,
+    camera: &'a Camera,
+    pixel: [usize; 2],
+    side: usize,
+) -> impl Iterator<Item = (SurfacePoint, Vec3)> + 'a {
+    (0..side * side).filter_map(move |s| {
+        let x = pixel[0] as f32 + ((s % side) as f32 + 0.5) / side as f32;
+        let y = pixel[1] as f32 + ((s / side) as f32 + 0.5) / side as f32;
+        bvh.seen(camera, x, y)
+    })
+}
+
+fn mean_point(points: &[SurfacePoint]) -> Option<SurfacePoint> {
+    if points.is_empty() {
+        return None;
+    }
+    let mean = |part: fn(&SurfacePoint) -> Vec3| {
+        points.iter().map(part).sum::<Vec3>() / points.len() as f32
+    };
+    Some(SurfacePoint {
+        position: mean(|p| p.position),
+        normal: mean(|p| p.normal)
+            .try_normalize()
+            .unwrap_or(points[0].normal),
+        geometric_normal: mean(|p| p.geometric_normal)
+            .try_normalize()
+            .unwrap_or(points[0].geometric_normal),
+    })
+}
+
+fn sparse(dense: &[f32]) -> TransportRow {
+    let mut row = TransportRow::default();
+    for (texel, &weight) in dense.iter().enumerate() {
+        if weight > 0.0 {
+            row.texel.push(texel as u16);
+            row.weight.push(weight);
+        }
+    }
+    row
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Mesh;
+
+    /// A square floor and, optionally, a wall along its middle (y = 0), as high as wide.
+    fn scene(wall: bool) -> Bvh {
+        let s = 1e3;
+        let mut mesh = Mesh {
+            positions: vec![
+                Vec3::new(-s, -s, 0.0),
+                Vec3::new(s, -s, 0.0),
+                Vec3::new(s, s, 0.0),
+                Vec3::new(-s, s, 0.0),
+            ],
+            faces: vec![[0, 1, 2], [0, 2, 3]],
+            ..Mesh::default()
+        };
+        if wall {
+            let z = [-s, s].map(|x| [Vec3::new(x, 0.0, -1.0), Vec3::new(x, 0.0, s)]);
+            mesh.positions.extend([z[0][0], z[1][0], z[1][1], z[0][1]]);
+            mesh.faces.extend([[4, 5, 6], [4, 6, 7]]);
+        }
+        Bvh::new(&mesh).unwrap()
+    }
+
+    const POINT: SurfacePoint = SurfacePoint {
+        position: Vec3::new(0.0, -0.5, 0.0),
+        normal: Vec3::Z,
+        geometric_normal: Vec3::Z,
+    };
+
+    #[test]
+    fn an_open_plane_receives_pi_and_a_wall_halves_it() {
+        let quadrature = Quadrature::new(LatLong::new(50, 100), 2);
+        let open: f32 = quadrature.row(&scene(false), &POINT).weight.iter().sum();
+        assert!((open / std::f32::consts::PI - 1.0).abs() < 1e-3, "{open}");
+        let row = quadrature.row(&scene(true), &POINT);
+        let walled: f32 = row.weight.iter().sum();
+        assert!((walled / open - 0.5).abs() < 0.01, "{walled}");
+        assert!(row.texel.windows(2).all(|w| w[0] < w[1]));
+    }
+
+    #[test]
+    fn far_shells_are_looked_up_at_the_texel_itself() {
+        let quadrature = Quadrature::new(LatLong::new(20, 40), 2);
+        let row = quadrature.row(&scene(false), &POINT);
+        let lookups = quadrature.mask_lookups(&row, POINT.position, 1e5);
+        for ((texel, index), weight) in row.texel.iter().zip(&lookups.index).zip(&lookups.weight) {
+            let own: f32 = (0..4)
+                .filter(|&k| index[k] == *texel)
+                .map(|k| weight[k])
+                .sum();
+            assert!(own > 0.99);
+        }
+    }
+}
