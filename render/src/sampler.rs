@@ -72,7 +72,7 @@ impl Stratified {
     /// The squarest grid of exactly `n` cells (none when `n` is 0).
     pub fn new(n: usize) -> Self {
         let mut rows = n.isqrt().max(1);
-        while n % rows != 0 {
+        while !n.is_multiple_of(rows) {
             rows -= 1;
         }
         Self {
