@@ -3,8 +3,10 @@
 pub mod capture;
 pub mod checkpoint;
 pub mod control;
+pub mod evaluate;
 pub mod files;
 pub mod image_io;
 pub mod output;
 pub mod reconstruction;
+pub mod report;
 pub mod settings;

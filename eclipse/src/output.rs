@@ -1,3 +1,22 @@
-//! A reconstruction on disk.
+//! A reconstruction on disk: which file holds what.
 
 pub mod atomic;
+
+/// The environment map.
+pub const ENVIRONMENT: &str = "environment.exr";
+/// The folder of the occluders' masks, one image a frame.
+pub const OCCLUDERS: &str = "occluders";
+/// The folder of material images, one a camera.
+pub const MATERIALS: &str = "materials";
+/// The folder of rendered photographs.
+pub const RENDERS: &str = "renders";
+/// Numbers of the run.
+pub const METRICS: &str = "metrics.json";
+/// Options of the run.
+pub const SETTINGS: &str = "settings.json";
+/// The page to look at.
+pub const REPORT: &str = "report.html";
+/// The object with baked materials.
+pub const MESH: &str = "mesh.glb";
+/// Channels of a material image, in the order of [`crate::reconstruction::Reconstruction::materials`].
+pub const MATERIAL_CHANNELS: [&str; 5] = ["R", "G", "B", "alpha", "kappa"];

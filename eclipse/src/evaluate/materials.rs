@@ -1,0 +1,187 @@
+//! Errors of albedo and specular parameters on the pixels that the object covers wholly.
+
+use render::image::Image;
+
+use super::{AlbedoScore, EvaluateError, MaterialScore};
+
+/// The true albedo through one camera.
+#[derive(Clone, Debug)]
+pub struct TrueAlbedo {
+    /// Linear RGB in [0, 1].
+    pub albedo: Image,
+    /// Which pixels are the object's, row by row.
+    pub object: Vec<bool>,
+}
+
+/// True parameters of the specular lobe, the same all over the object.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Specular {
+    /// Width of the lobe.
+    pub alpha: f64,
+    /// Reflectance at normal incidence.
+    pub kappa: f64,
+}
+
+/// PSNR of the first three channels of `estimate` divided by `scale`, pooled over frames.
+///
+/// Errors: counts or sizes that differ.
+pub(super) fn albedo(
+    estimate: &[Image],
+    truth: &[TrueAlbedo],
+    scale: [f64; 3],
+) -> Result<AlbedoScore, EvaluateError> {
+    check(estimate, truth)?;
+    let (mut sum, mut count) = (0.0, 0u64);
+    for (estimate, truth) in estimate.iter().zip(truth) {
+        for index in object_pixels(truth) {
+            let guess = &estimate.data[index * estimate.channels..][..3];
+            let truth = &truth.albedo.data[index * truth.albedo.channels..][..3];
+            for channel in 0..3 {
+                let error = f64::from(guess[channel]) / scale[channel] - f64::from(truth[channel]);
+                sum += error * error;
+                count += 1;
+            }
+        }
+    }
+    let psnr = -10.0 * (sum / count as f64).log10();
+    Ok(AlbedoScore {
+        psnr_aligned: psnr.is_finite().then_some(psnr),
+    })
+}
+
+/// RMS errors of channels 3 (α) and 4 (κ) of `estimate`, pooled over frames.
+///
+/// Errors: counts or sizes that differ.
+pub(super) fn specular(
+    estimate: &[Image],
+    truth: &[TrueAlbedo],
+    specular: Specular,
+) -> Result<MaterialScore, EvaluateError> {
+    check(estimate, truth)?;
+    let rmse = |channel: usize, expected: f64| {
+        let (mut sum, mut count) = (0.0, 0u64);
+        for (estimate, truth) in estimate.iter().zip(truth) {
+            for index in object_pixels(truth) {
+                let value = estimate.data[index * estimate.channels + channel];
+                sum += (f64::from(value) - expected).powi(2);
+                count += 1;
+            }
+        }
+        let rmse = (sum / count as f64).sqrt();
+        rmse.is_finite().then_some(rmse)
+    };
+    Ok(MaterialScore {
+        alpha_rmse: rmse(3, specular.alpha),
+        kappa_rmse: rmse(4, specular.kappa),
+    })
+}
+
+fn object_pixels(truth: &TrueAlbedo) -> impl Iterator<Item = usize> {
+    truth
+        .object
+        .iter()
+        .enumerate()
+        .filter_map(|(index, &object)| object.then_some(index))
+}
+
+fn check(estimate: &[Image], truth: &[TrueAlbedo]) -> Result<(), EvaluateError> {
+    if estimate.len() != truth.len() {
+        let (expected, found) = (truth.len(), estimate.len());
+        return Err(EvaluateError::Count {
+            what: "material images",
+            expected,
+            found,
+        });
+    }
+    for (index, (estimate, truth)) in estimate.iter().zip(truth).enumerate() {
+        let albedo = &truth.albedo;
+        if (estimate.width, estimate.height, estimate.channels) != (albedo.width, albedo.height, 5)
+        {
+            return Err(EvaluateError::Size {
+                what: "material image",
+                index,
+                expected: format!("{} × {} × 5", albedo.width, albedo.height),
+                found: format!(
+                    "{} × {} × {}",
+                    estimate.width, estimate.height, estimate.channels
+                ),
+            });
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn truth() -> TrueAlbedo {
+        TrueAlbedo {
+            albedo: Image::filled(2, 1, 3, 0.5),
+            object: vec![true, false],
+        }
+    }
+
+    fn estimate(object: [f32; 5]) -> Image {
+        let mut data = object.to_vec();
+        data.extend([9.0; 5]);
+        Image {
+            width: 2,
+            height: 1,
+            channels: 5,
+            data,
+        }
+    }
+
+    #[test]
+    fn a_tenth_off_is_twenty_decibels_on_object_pixels_only() {
+        let guess = estimate([0.6, 0.4, 0.6, 0.0, 0.0]);
+        let score = albedo(&[guess], &[truth()], [1.0; 3]).unwrap();
+        assert!((score.psnr_aligned.unwrap() - 20.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn the_environments_scale_is_undone_in_the_albedo() {
+        // L = 2·L̂ with L̂ρ̂ = Lρ: the albedo was estimated at twice its value; then a tenth is added.
+        let guess = estimate([1.2, 1.2, 1.2, 0.0, 0.0]);
+        let score = albedo(&[guess], &[truth()], [2.0; 3]).unwrap();
+        assert!((score.psnr_aligned.unwrap() - 20.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn specular_errors_are_root_mean_squares_over_all_frames() {
+        let guesses = [
+            estimate([0.0, 0.0, 0.0, 0.6, 0.1]),
+            estimate([0.0, 0.0, 0.0, 0.2, 0.04]),
+        ];
+        let known = Specular {
+            alpha: 0.6,
+            kappa: 0.04,
+        };
+        let score = specular(&guesses, &[truth(), truth()], known).unwrap();
+        assert!((score.alpha_rmse.unwrap() - 0.4 / 2f64.sqrt()).abs() < 1e-6);
+        assert!((score.kappa_rmse.unwrap() - 0.06 / 2f64.sqrt()).abs() < 1e-6);
+    }
+
+    #[test]
+    fn other_captures_are_refused_by_count_and_size() {
+        let error = albedo(&[], &[truth()], [1.0; 3]).unwrap_err();
+        assert!(
+            error
+                .to_string()
+                .starts_with("0 material images were reconstructed but the truth has 1")
+        );
+        let error = albedo(&[Image::filled(3, 1, 5, 0.0)], &[truth()], [1.0; 3]).unwrap_err();
+        assert!(error.to_string().contains("3 × 1 × 5") && error.to_string().contains("2 × 1 × 5"));
+    }
+
+    #[test]
+    fn no_object_pixels_score_nothing() {
+        let nothing = TrueAlbedo {
+            object: vec![false; 2],
+            ..truth()
+        };
+        let score = albedo(&[estimate([0.0; 5])], &[nothing], [1.0; 3]).unwrap();
+        assert_eq!(score.psnr_aligned, None);
+    }
+}

@@ -1,0 +1,114 @@
+//! Words and numbers of the report.
+
+use serde_json::Value;
+
+/// Text made safe inside HTML elements and quoted attributes.
+pub(super) fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
+}
+
+/// A number to three significant digits, in scientific notation when far from 1.
+pub(super) fn number(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return format!("{value}");
+    }
+    let magnitude = value.abs().log10().floor();
+    if !(-3.0..6.0).contains(&magnitude) {
+        return format!("{value:.2e}");
+    }
+    let decimals = (2.0 - magnitude).max(0.0) as usize;
+    let text = format!("{value:.decimals$}");
+    if text.contains('.') {
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    } else {
+        text
+    }
+}
+
+/// Seconds as people say them.
+pub(super) fn duration(seconds: f64) -> String {
+    let whole = seconds.round().max(0.0) as u64;
+    match (whole / 3600, whole / 60 % 60, whole % 60) {
+        (0, 0, _) => format!("{} s", number(seconds)),
+        (0, minutes, seconds) => format!("{minutes} min {seconds} s"),
+        (hours, minutes, _) => format!("{hours} h {minutes} min"),
+    }
+}
+
+/// A two-column table of the leaves of a JSON object, nested names joined by spaces.
+pub(super) fn table(values: &Value) -> String {
+    let mut rows = Vec::new();
+    leaves("", values, &mut rows);
+    let row = |(name, value): &(String, String)| {
+        format!(
+            "<tr><td>{}</td><td>{}</td></tr>",
+            escaped(name),
+            escaped(value)
+        )
+    };
+    format!(
+        "<table>{}</table>",
+        rows.iter().map(row).collect::<String>()
+    )
+}
+
+fn leaves(name: &str, value: &Value, rows: &mut Vec<(String, String)>) {
+    if let Value::Object(fields) = value {
+        for (field, value) in fields {
+            leaves(
+                format!("{name} {}", field.replace('_', " ")).trim(),
+                value,
+                rows,
+            );
+        }
+        return;
+    }
+    let text = match value {
+        Value::Null => "–".to_owned(),
+        Value::Bool(true) => "yes".to_owned(),
+        Value::Bool(false) => "no".to_owned(),
+        Value::Number(value) if value.is_f64() => value.as_f64().map_or_else(String::new, number),
+        Value::String(text) => text.clone(),
+        other => other.to_string(),
+    };
+    rows.push((name.to_owned(), text));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_keep_three_digits() {
+        let cases = [
+            (0.0, "0"),
+            (1.0, "1"),
+            (38.249, "38.2"),
+            (0.012345, "0.0123"),
+            (1234.6, "1235"),
+        ];
+        for (value, text) in cases {
+            assert_eq!(number(value), text);
+        }
+        assert_eq!(number(1.25e9), "1.25e9");
+        assert_eq!(number(-2e-7), "-2.00e-7");
+    }
+
+    #[test]
+    fn durations_read_as_people_say_them() {
+        assert_eq!(duration(3.21), "3.21 s");
+        assert_eq!(duration(125.0), "2 min 5 s");
+        assert_eq!(duration(7322.0), "2 h 2 min");
+    }
+
+    #[test]
+    fn tables_escape_flatten_and_mark_what_is_absent() {
+        let table = table(&serde_json::json!({"a_b": {"c": null}, "d": "<x>", "e": true}));
+        assert!(table.contains("<td>a b c</td><td>–</td>"));
+        assert!(table.contains("<td>d</td><td>&lt;x&gt;</td>"));
+        assert!(table.contains("<td>e</td><td>yes</td>"));
+    }
+}
