@@ -1,8 +1,6 @@
 //! Errors of an environment map, raw and after the best scale per channel.
 
-use std::f64::consts::PI;
-
-use render::image::Image;
+use render::{image::Image, lat_long::LatLong};
 
 use super::{EnvironmentScore, MapErrors};
 
@@ -18,10 +16,9 @@ pub struct Aligned {
 /// Compares the map `estimate` with `truth`, both equirectangular RGB; `estimate` is brought to the truth's grid.
 pub fn compare(estimate: &Image, truth: &Image) -> Aligned {
     let estimate = resample(estimate, truth.width, truth.height);
+    let grid = LatLong::new(truth.height, truth.width);
     let (texels, scale) = errors(&estimate, truth, |_| 1.0);
-    let (solid_angle, _) = errors(&estimate, truth, |row| {
-        solid_angle(row, truth.height, truth.width)
-    });
+    let (solid_angle, _) = errors(&estimate, truth, |row| f64::from(grid.solid_angle(row)));
     Aligned {
         score: EnvironmentScore {
             texels,
@@ -29,12 +26,6 @@ pub fn compare(estimate: &Image, truth: &Image) -> Aligned {
         },
         scale,
     }
-}
-
-/// The solid angle in steradian of a texel in `row` of an equirectangular map.
-pub fn solid_angle(row: usize, rows: usize, columns: usize) -> f64 {
-    let cosine = |row: usize| (PI * row as f64 / rows as f64).cos();
-    2.0 * PI / columns as f64 * (cosine(row) - cosine(row + 1))
 }
 
 fn errors(estimate: &Image, truth: &Image, weight: impl Fn(usize) -> f64) -> (MapErrors, [f64; 3]) {
@@ -87,27 +78,20 @@ pub(super) fn resample(map: &Image, width: usize, height: usize) -> Image {
     if (map.width, map.height) == (width, height) {
         return map.clone();
     }
+    let grid = LatLong::new(map.height, map.width);
     let mut resampled = Image::filled(width, height, map.channels, 0.0);
     for y in 0..height {
-        let row = ((y as f64 + 0.5) / height as f64 * map.height as f64 - 0.5)
-            .clamp(0.0, (map.height - 1) as f64);
-        let (top, down) = (row.floor() as usize, row.fract() as f32);
-        let bottom = (top + 1).min(map.height - 1);
         for x in 0..width {
-            let column = (x as f64 + 0.5) / width as f64 * map.width as f64 - 0.5;
-            let column = column.rem_euclid(map.width as f64);
-            let (left, across) = (column.floor() as usize % map.width, column.fract() as f32);
-            let right = (left + 1) % map.width;
+            let u = (x as f32 + 0.5) / width as f32;
+            let v = (y as f32 + 0.5) / height as f32;
+            let around = grid.bilinear_at(u, v);
             for channel in 0..map.channels {
-                let between = |row: usize| {
-                    let (a, b) = (
-                        map.pixel(left, row)[channel],
-                        map.pixel(right, row)[channel],
-                    );
-                    a + across * (b - a)
-                };
-                let (above, below) = (between(top), between(bottom));
-                resampled.pixel_mut(x, y)[channel] = above + down * (below - above);
+                resampled.pixel_mut(x, y)[channel] = (0..4)
+                    .map(|k| {
+                        around.weight[k]
+                            * map.data[around.index[k] as usize * map.channels + channel]
+                    })
+                    .sum();
             }
         }
     }
@@ -131,12 +115,6 @@ mod tests {
     }
 
     #[test]
-    fn solid_angles_cover_the_sphere() {
-        let sum: f64 = (0..50).map(|row| 100.0 * solid_angle(row, 50, 100)).sum();
-        assert!((sum - 4.0 * PI).abs() < 1e-12);
-    }
-
-    #[test]
     fn a_scaled_truth_is_aligned_perfectly_and_its_scale_recovered() {
         let truth = map(8, 4, |x, y, c| 1.0 + (x + 3 * y + c) as f32);
         let estimate = map(8, 4, |x, y, c| {
@@ -155,11 +133,11 @@ mod tests {
         let truth = map(4, 2, |_, y, _| [1.0, 3.0][y]);
         let score = compare(&map(4, 2, |_, _, _| 1.0), &truth).score;
         let expected = (1.0f64 / 5.0).sqrt();
-        assert!((score.texels.relative_rmse_aligned.unwrap() - expected).abs() < 1e-12);
-        assert!((score.solid_angle.relative_rmse_aligned.unwrap() - expected).abs() < 1e-12);
-        assert!((score.texels.relative_mse_aligned.unwrap() - 0.2).abs() < 1e-12);
-        assert!((score.texels.rmse.unwrap() - 2.0f64.sqrt()).abs() < 1e-12);
-        assert!((score.texels.rmse_aligned.unwrap() - 1.0).abs() < 1e-12);
+        assert!((score.texels.relative_rmse_aligned.unwrap() - expected).abs() < 1e-6);
+        assert!((score.solid_angle.relative_rmse_aligned.unwrap() - expected).abs() < 1e-6);
+        assert!((score.texels.relative_mse_aligned.unwrap() - 0.2).abs() < 1e-6);
+        assert!((score.texels.rmse.unwrap() - 2.0f64.sqrt()).abs() < 1e-6);
+        assert!((score.texels.rmse_aligned.unwrap() - 1.0).abs() < 1e-6);
     }
 
     #[test]
@@ -168,9 +146,9 @@ mod tests {
         let wrong_at_pole = map(8, 4, |_, y, _| if y == 0 { 0.0 } else { 1.0 });
         let score = compare(&wrong_at_pole, &truth).score;
         // The polar row is ¼ of the texels and (1 − cos 45°)/2 = 0.1464 of the sphere.
-        assert!((score.texels.rmse.unwrap().powi(2) - 0.25).abs() < 1e-12);
-        let share = (1.0 - (PI / 4.0).cos()) / 2.0;
-        assert!((score.solid_angle.rmse.unwrap().powi(2) - share).abs() < 1e-12);
+        assert!((score.texels.rmse.unwrap().powi(2) - 0.25).abs() < 1e-6);
+        let share = (1.0 - std::f64::consts::FRAC_PI_4.cos()) / 2.0;
+        assert!((score.solid_angle.rmse.unwrap().powi(2) - share).abs() < 1e-6);
     }
 
     #[test]
@@ -193,7 +171,7 @@ mod tests {
             resample(&map(4, 2, |_, _, _| 0.7), 8, 4)
                 .data
                 .iter()
-                .all(|&v| v == 0.7)
+                .all(|&v| (v - 0.7).abs() < 1e-6)
         );
         let ramp = resample(&map(4, 1, |x, _, _| [0.0, 1.0, 2.0, 3.0][x]), 8, 1);
         // The first fine centre lies ¼ texel left of the first coarse one, towards the last column.

@@ -24,8 +24,9 @@ pub struct Specular {
 
 /// PSNR of the first three channels of `estimate` divided by `scale`, pooled over frames.
 ///
-/// Errors: counts or sizes that differ.
-pub(super) fn albedo(
+/// # Errors
+/// Counts or sizes that differ.
+pub fn albedo(
     estimate: &[Image],
     truth: &[TrueAlbedo],
     scale: [f64; 3],
@@ -51,8 +52,9 @@ pub(super) fn albedo(
 
 /// RMS errors of channels 3 (α) and 4 (κ) of `estimate`, pooled over frames.
 ///
-/// Errors: counts or sizes that differ.
-pub(super) fn specular(
+/// # Errors
+/// Counts or sizes that differ.
+pub fn specular(
     estimate: &[Image],
     truth: &[TrueAlbedo],
     specular: Specular,

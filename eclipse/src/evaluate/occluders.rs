@@ -1,13 +1,16 @@
 //! Errors of the occluders' masks, weighted by the light that they take away.
 
-use render::image::Image;
+use render::{image::Image, lat_long::LatLong};
 
 use super::{EvaluateError, OccluderScore, environment};
 
 /// Compares masks (transmittance, first channel) with the truth, pooled over frames; L is the sum of `light`'s channels.
 ///
-/// No estimate at all counts as "all light passes". Errors: counts that differ.
-pub(super) fn compare(
+/// No estimate at all counts as "all light passes".
+///
+/// # Errors
+/// Counts that differ.
+pub fn compare(
     estimate: &[Image],
     truth: &[Image],
     light: &Image,
@@ -27,8 +30,9 @@ pub(super) fn compare(
         let clear = || Image::filled(truth.width, truth.height, 1, 1.0);
         let resample = |mask| environment::resample(mask, truth.width, truth.height);
         let estimate = estimate.get(frame).map_or_else(clear, resample);
+        let grid = LatLong::new(truth.height, truth.width);
         for row in 0..truth.height {
-            let solid_angle = environment::solid_angle(row, truth.height, truth.width);
+            let solid_angle = f64::from(grid.solid_angle(row));
             for column in 0..truth.width {
                 let radiance: f32 = light.pixel(column, row)[..3].iter().sum();
                 let weight = f64::from(radiance) * solid_angle;

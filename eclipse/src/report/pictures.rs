@@ -225,9 +225,18 @@ mod tests {
     fn blocked_light_takes_the_overlays_colour() {
         let black = one([0.0; 3]);
         let half: Vec<f32> = BLOCKED.iter().map(|value| 0.5 * value).collect();
-        assert_eq!(blocked(&black, &Image::filled(1, 1, 1, 0.0), 1.0).data, BLOCKED);
-        assert_eq!(blocked(&black, &Image::filled(1, 1, 1, 0.5), 1.0).data, half);
-        assert_eq!(blocked(&black, &Image::filled(1, 1, 1, 1.0), 1.0).data, [0.0; 3]);
+        assert_eq!(
+            blocked(&black, &Image::filled(1, 1, 1, 0.0), 1.0).data,
+            BLOCKED
+        );
+        assert_eq!(
+            blocked(&black, &Image::filled(1, 1, 1, 0.5), 1.0).data,
+            half
+        );
+        assert_eq!(
+            blocked(&black, &Image::filled(1, 1, 1, 1.0), 1.0).data,
+            [0.0; 3]
+        );
     }
 
     #[test]
