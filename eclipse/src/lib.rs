@@ -2,6 +2,7 @@
 
 pub mod capture;
 pub mod checkpoint;
+pub mod cli;
 pub mod control;
 pub mod evaluate;
 pub mod files;

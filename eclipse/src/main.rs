@@ -1,3 +1,10 @@
 //! The command line.
 
-fn main() {}
+use std::{
+    io::{stderr, stdout},
+    process::ExitCode,
+};
+
+fn main() -> ExitCode {
+    eclipse::cli::run(std::env::args_os(), &mut stdout(), &mut stderr()).into()
+}

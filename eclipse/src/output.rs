@@ -1,6 +1,22 @@
-//! A reconstruction on disk: which file holds what.
+//! A reconstruction on disk: which file holds what, each whole or not at all.
 
 pub mod atomic;
+
+use std::{
+    collections::BTreeMap,
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+use render::{convention::Convention, image::Image};
+use serde::Serialize;
+
+use crate::{
+    capture::Capture,
+    image_io::{ExrOptions, ImageIoError, Precision, write_exr_with},
+    reconstruction::Reconstruction,
+    report::{self, ReportOptions},
+};
 
 /// The environment map.
 pub const ENVIRONMENT: &str = "environment.exr";
@@ -18,5 +34,163 @@ pub const SETTINGS: &str = "settings.json";
 pub const REPORT: &str = "report.html";
 /// The object with baked materials.
 pub const MESH: &str = "mesh.glb";
-/// Channels of a material image, in the order of [`crate::reconstruction::Reconstruction::materials`].
+/// Channels of a material image, in the order of [`Reconstruction::materials`].
 pub const MATERIAL_CHANNELS: [&str; 5] = ["R", "G", "B", "alpha", "kappa"];
+/// The text attribute of a map that names its [`Convention`].
+pub const CONVENTION: &str = "eclipse.convention";
+
+/// Writes everything a run leaves to `folder`; the report comes last, so that it is there when all else is.
+///
+/// Numbered images of an earlier run that this one does not replace are removed.
+///
+/// # Errors
+/// [`OutputError`], naming the file. Files written so far stay; none is left half-written.
+pub fn write(
+    folder: &Path,
+    capture: &Capture,
+    reconstruction: &Reconstruction,
+    options: &ReportOptions,
+) -> Result<(), OutputError> {
+    prepare(folder)?;
+    let map = ExrOptions {
+        precision: Precision::Float,
+        metadata: BTreeMap::from([(CONVENTION.to_owned(), Convention::Blender.name().to_owned())]),
+    };
+    let half = ExrOptions {
+        precision: Precision::Half,
+        ..Default::default()
+    };
+    let rgb = ["R", "G", "B"];
+    write_exr_with(
+        &folder.join(ENVIRONMENT),
+        &reconstruction.environment,
+        &rgb,
+        &map,
+    )?;
+    write_numbered(
+        &folder.join(OCCLUDERS),
+        &reconstruction.occluders,
+        &["Y"],
+        &map,
+    )?;
+    write_numbered(
+        &folder.join(MATERIALS),
+        &reconstruction.materials,
+        &MATERIAL_CHANNELS,
+        &half,
+    )?;
+    write_numbered(&folder.join(RENDERS), &reconstruction.renders, &rgb, &half)?;
+    if let Some(network) = &reconstruction.network {
+        write_bytes(
+            &folder.join(format!("materials.{}", network.extension)),
+            &network.bytes,
+        )?;
+    }
+    write_json(&folder.join(METRICS), &reconstruction.metrics)?;
+    write_json(&folder.join(SETTINGS), &reconstruction.settings)?;
+    let page = report::html(capture, reconstruction, options)?;
+    write_bytes(&folder.join(REPORT), page.as_bytes())
+}
+
+/// Makes `folder` and shows that it can be written to, before hours of work depend on it.
+///
+/// # Errors
+/// [`OutputError::Write`] with the system's reason.
+pub fn prepare(folder: &Path) -> Result<(), OutputError> {
+    let failed = |source| OutputError::Write {
+        path: folder.to_owned(),
+        source,
+    };
+    fs::create_dir_all(folder).map_err(failed)?;
+    atomic::stage(&folder.join(SETTINGS), |_| Ok(())).map_err(failed)?;
+    Ok(())
+}
+
+/// The name of the image of frame `index`.
+pub fn numbered(index: usize) -> String {
+    format!("{index:03}.exr")
+}
+
+fn write_numbered(
+    folder: &Path,
+    images: &[Image],
+    channels: &[&str],
+    options: &ExrOptions,
+) -> Result<(), OutputError> {
+    let failed = |source| OutputError::Write {
+        path: folder.to_owned(),
+        source,
+    };
+    if !images.is_empty() {
+        fs::create_dir_all(folder).map_err(failed)?;
+    }
+    for (index, image) in images.iter().enumerate() {
+        write_exr_with(&folder.join(numbered(index)), image, channels, options)?;
+    }
+    let entries = match fs::read_dir(folder) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        entries => entries.map_err(failed)?,
+    };
+    for entry in entries {
+        let path = entry.map_err(failed)?.path();
+        let number = path
+            .file_stem()
+            .and_then(|stem| stem.to_str()?.parse::<usize>().ok());
+        let exr = path.extension().is_some_and(|extension| extension == "exr");
+        if exr && number.is_some_and(|number| number >= images.len()) {
+            fs::remove_file(&path).map_err(failed)?;
+        }
+    }
+    Ok(())
+}
+
+fn write_json(path: &Path, value: &impl Serialize) -> Result<(), OutputError> {
+    let failed = |source: serde_json::Error| OutputError::Write {
+        path: path.to_owned(),
+        source: source.into(),
+    };
+    let mut text = serde_json::to_vec_pretty(value).map_err(failed)?;
+    text.push(b'\n');
+    write_bytes(path, &text)
+}
+
+fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
+    atomic::write(path, |file| io::Write::write_all(file, bytes)).map_err(|source| {
+        OutputError::Write {
+            path: path.to_owned(),
+            source,
+        }
+    })
+}
+
+/// Why outputs could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum OutputError {
+    /// The file system refused.
+    #[error("cannot write {}: {source}; {}", path.display(), remedy(source))]
+    Write {
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// An image could not be encoded or written.
+    #[error(transparent)]
+    Image(#[from] ImageIoError),
+}
+
+/// What to do about a write that failed.
+fn remedy(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            "free some space, then continue with --resume"
+        }
+        io::ErrorKind::ReadOnlyFilesystem | io::ErrorKind::PermissionDenied => {
+            "choose another folder with --out"
+        }
+        io::ErrorKind::NotADirectory | io::ErrorKind::AlreadyExists => {
+            "a file is in the way: choose another folder with --out"
+        }
+        _ => "check the folder, then continue with --resume",
+    }
+}

@@ -1,0 +1,100 @@
+//! The command line: arguments in, exit code out.
+
+mod arguments;
+mod evaluate;
+
+use std::{ffi::OsString, io::Write, process::ExitCode};
+
+use clap::Parser;
+
+use arguments::{Arguments, Command};
+
+/// How a command ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Outcome {
+    /// Done.
+    Done = 0,
+    /// Something failed along the way.
+    Failed = 1,
+    /// The command line was wrong.
+    Usage = 2,
+    /// The input was bad.
+    BadInput = 3,
+    /// Interrupted, with everything saved.
+    Interrupted = 130,
+}
+
+impl From<Outcome> for ExitCode {
+    fn from(outcome: Outcome) -> Self {
+        ExitCode::from(outcome as u8)
+    }
+}
+
+/// A command that failed: how to exit and what to say.
+struct Failure {
+    outcome: Outcome,
+    message: String,
+}
+
+impl Failure {
+    fn failed(error: impl std::fmt::Display) -> Self {
+        Self {
+            outcome: Outcome::Failed,
+            message: error.to_string(),
+        }
+    }
+
+    fn bad_input(error: impl std::fmt::Display) -> Self {
+        Self {
+            outcome: Outcome::BadInput,
+            message: error.to_string(),
+        }
+    }
+}
+
+/// Runs the program with `arguments` (the first is its own name), results to `out`, messages to `err`.
+pub fn run(
+    arguments: impl IntoIterator<Item = OsString>,
+    out: &mut dyn Write,
+    err: &mut dyn Write,
+) -> Outcome {
+    let arguments = match Arguments::try_parse_from(arguments) {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            let usage = error.use_stderr();
+            let text = error.render();
+            let written = if usage {
+                write!(err, "{text}")
+            } else {
+                write!(out, "{text}")
+            };
+            // With nowhere left to write to, the exit code still tells.
+            return if usage || written.is_err() {
+                Outcome::Usage
+            } else {
+                Outcome::Done
+            };
+        }
+    };
+    let result = match &arguments.command {
+        Command::Evaluate(arguments) => evaluate::run(arguments, out),
+    };
+    match result {
+        Ok(outcome) => outcome,
+        Err(failure) => {
+            let _ = writeln!(err, "error: {}", failure.message);
+            failure.outcome
+        }
+    }
+}
+
+/// Writes results; a reader that closed the pipe early (`| head`) is no failure.
+fn print(out: &mut dyn Write, text: &str) -> Result<(), Failure> {
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure::failed(
+            format!("cannot write the results: {error}"),
+        )),
+        _ => Ok(()),
+    }
+}

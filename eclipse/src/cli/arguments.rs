@@ -1,0 +1,22 @@
+//! The commands; each one's arguments stand with what it does.
+
+use clap::{Parser, Subcommand};
+
+use super::evaluate::EvaluateArguments;
+
+/// Recovers light, materials and unseen occluders from posed photographs of an object whose shape is known.
+#[derive(Parser, Debug)]
+#[command(name = "eclipse", version, about, max_term_width = 100)]
+#[command(
+    after_help = "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 bad input, 130 interrupted with everything saved."
+)]
+pub(super) struct Arguments {
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Subcommand, Debug)]
+pub(super) enum Command {
+    /// Scores a reconstruction against a known truth.
+    Evaluate(EvaluateArguments),
+}
