@@ -15,8 +15,10 @@ use crate::{
 
 /// Longest side of an embedded photograph in pixels.
 const LONGEST_SIDE: usize = 320;
-/// The brightest hundredth of the light may clip in the still pictures.
-const WHITE: f64 = 0.99;
+/// The share of a photograph's object that must not clip.
+const PHOTOGRAPH_WHITE: f64 = 0.99;
+/// The share of directions whose light must not clip: less, since small lights are far brighter than what they light.
+const ENVIRONMENT_WHITE: f64 = 0.95;
 
 /// The reconstruction with what all parts of the page share.
 pub(super) struct Page<'a> {
@@ -49,7 +51,7 @@ impl<'a> Page<'a> {
         options: &'a ReportOptions,
     ) -> Self {
         let images: Vec<&Image> = capture.frames.iter().map(|frame| &frame.image).collect();
-        let photograph_exposure = pictures::exposure(&images, WHITE, |frame, index| {
+        let photograph_exposure = pictures::exposure(&images, PHOTOGRAPH_WHITE, |frame, index| {
             capture.frames[frame]
                 .mask
                 .data
@@ -57,7 +59,9 @@ impl<'a> Page<'a> {
                 .is_some_and(|&coverage| coverage > 0.5)
         });
         let environment_exposure =
-            pictures::exposure(&[&reconstruction.environment], WHITE, |_, _| true);
+            pictures::exposure(&[&reconstruction.environment], ENVIRONMENT_WHITE, |_, _| {
+                true
+            });
         let agreement = agreement(capture, reconstruction);
         Self {
             capture,
@@ -92,15 +96,10 @@ impl<'a> Page<'a> {
                     frame.camera.width, frame.camera.height
                 )
             });
-        let occluders = if solved.occluders.is_empty() {
-            ""
-        } else {
-            ", materials and an unseen occluder a photograph"
-        };
         let what = if solved.occluders.is_empty() {
             " and materials"
         } else {
-            occluders
+            ", materials and what blocked the light of each photograph"
         };
         let (time, iterations) = solved
             .curve
@@ -121,7 +120,7 @@ impl<'a> Page<'a> {
         };
         let ended = match solved.ended {
             Ended::Converged => "until nothing was left to gain",
-            Ended::Iterations => "as many as asked for",
+            Ended::Iterations => "as many as allowed",
             Ended::TimeLimit => "up to the time limit",
             Ended::Interrupted => "until it was interrupted",
         };
@@ -237,7 +236,7 @@ impl<'a> Page<'a> {
             "<section>\n<h2>Environment</h2>\n<p>Light from all directions: top is up (+z), the centre looks along +x, \
              azimuth falls to the right.</p>\n<div class=\"control\"><label for=\"exposure\">Exposure</label>\
              <input id=\"exposure\" type=\"range\" min=\"-6\" max=\"6\" step=\"0.5\" value=\"0\"><output id=\"stops\" \
-             for=\"exposure\">0 stops</output></div>\n<figure><img id=\"environment-still\" src=\"{still}\" \
+             for=\"exposure\">0 stops</output></div>\n<figure class=\"wide\"><img id=\"environment-still\" src=\"{still}\" \
              alt=\"environment map\"><canvas id=\"environment\" width=\"{width}\" height=\"{height}\" hidden></canvas>\
              <figcaption>{width} × {height} texels, mean radiance {mean}</figcaption></figure>\n</section>\n",
             width = environment.width,
@@ -278,11 +277,11 @@ impl<'a> Page<'a> {
         let json = |value: serde_json::Result<Value>| value.unwrap_or_default();
         let curve = match chart::loss_curve(&solved.curve) {
             svg if svg.is_empty() => String::new(),
-            svg => format!("<div><h3>Loss</h3>{svg}</div>\n"),
+            svg => format!("<h3>Loss</h3>\n<div class=\"wide\">{svg}</div>\n"),
         };
         format!(
-            "<section>\n<h2>How it was solved</h2>\n<p>To repeat the run:</p>\n<pre>{command}</pre>\n<div class=\"split\">\n\
-             {curve}<div><h3>Metrics</h3>{metrics}</div>\n<div><h3>Settings</h3>{settings}</div>\n</div>\n</section>\n",
+            "<section>\n<h2>How it was solved</h2>\n<p>To repeat the run:</p>\n<pre>{command}</pre>\n{curve}\
+             <div class=\"split\">\n<div><h3>Metrics</h3>{metrics}</div>\n<div><h3>Settings</h3>{settings}</div>\n</div>\n</section>\n",
             command = escaped(&self.options.command),
             metrics = table(&json(serde_json::to_value(&solved.metrics))),
             settings = table(&json(serde_json::to_value(&solved.settings))),
