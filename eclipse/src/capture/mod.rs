@@ -1,9 +1,32 @@
 //! What a user hands in: posed photographs and the object's shape.
+//!
+//! A capture is a folder with `transforms.json` ([`transforms`]), images, masks where the images have no alpha, and a
+//! mesh. It is checked as a whole when it is loaded: what is wrong with it comes out as one [`CaptureError`].
 
-use std::path::PathBuf;
+mod error;
+mod frames;
+mod paths;
+mod pose;
+mod silhouette;
+pub mod transforms;
+mod write;
+
+use std::path::{Path, PathBuf};
 
 use glam::Vec3;
 use render::{camera::Camera, image::Image, mesh::Mesh};
+
+pub use error::CaptureError;
+pub use silhouette::{Diagnosis, mask_overlap};
+pub use transforms::parse_transforms;
+pub use write::{write, write_with};
+
+use crate::{
+    capture::{paths::Folder, transforms::MAX_TRANSFORMS},
+    files::read_limited,
+    image_io::ColorEncoding,
+    mesh_io::read_mesh,
+};
 
 /// A capture, read and checked, in the recentred frame (the middle of the mesh's bounding box is the origin).
 #[derive(Clone, Debug)]
@@ -29,4 +52,94 @@ pub struct Frame {
     pub image: Image,
     /// Coverage of each pixel by the object, one channel in [0, 1].
     pub mask: Image,
+}
+
+/// How a capture is read.
+#[derive(Clone, Debug)]
+pub struct LoadOptions {
+    /// The mesh to use in place of the capture's own.
+    pub mesh: Option<PathBuf>,
+    /// Whether `transforms.json` may name files outside its folder.
+    pub allow_outside: bool,
+    /// How colours are stored, in place of what `transforms.json` or the file types say.
+    pub color_encoding: Option<ColorEncoding>,
+    /// Least median overlap (intersection over union) of the mesh's silhouettes with the masks; 0 switches the check off.
+    pub min_overlap: f32,
+}
+
+impl Default for LoadOptions {
+    fn default() -> Self {
+        Self {
+            mesh: None,
+            allow_outside: false,
+            color_encoding: None,
+            min_overlap: 0.8,
+        }
+    }
+}
+
+impl Capture {
+    /// Reads and checks the capture in the folder `path`.
+    ///
+    /// Images are decoded in parallel; the first error in the order of `transforms.json` is the one returned.
+    ///
+    /// # Errors
+    /// [`CaptureError`] names the file, the field, what was expected and what to do.
+    pub fn load(path: &Path, options: &LoadOptions) -> Result<Self, CaptureError> {
+        let folder = Folder::new(path, options.allow_outside)?;
+        let json = path.join("transforms.json");
+        let bytes = read_limited(&json, MAX_TRANSFORMS).map_err(|source| CaptureError::Read {
+            path: json.clone(),
+            source,
+        })?;
+        let transforms = parse_transforms(&bytes, &json)?;
+        let mut mesh = read_mesh(&folder.mesh(options.mesh.as_deref(), &transforms)?)?;
+        let encoding = options.color_encoding.or(transforms.color_encoding);
+        let mut frames = frames::load(&folder, &json, &transforms, encoding)?;
+
+        let [low, high] = mesh.bounds();
+        let centre = 0.5 * low + 0.5 * high;
+        for position in &mut mesh.positions {
+            *position -= centre;
+        }
+        for frame in &mut frames {
+            frame.camera.world_from_camera.w_axis -= centre.extend(0.0);
+        }
+        let capture = Self {
+            path: path.into(),
+            frames,
+            mesh,
+            centre,
+        };
+        capture.check_distances(&transforms, options)?;
+        silhouette::check(&capture, &transforms, options.min_overlap)?;
+        Ok(capture)
+    }
+
+    /// Refuses cameras within the object's bounding sphere, with the likely cause when one can be named.
+    fn check_distances(
+        &self,
+        transforms: &transforms::Transforms,
+        options: &LoadOptions,
+    ) -> Result<(), CaptureError> {
+        let radius = self.mesh.bounding_radius();
+        let Some(frame) = self
+            .frames
+            .iter()
+            .find(|frame| frame.camera.distance() <= radius)
+        else {
+            return Ok(());
+        };
+        if options.min_overlap > 0.0 {
+            let diagnosis = silhouette::diagnose(self, transforms, options.min_overlap);
+            if diagnosis.is_explained() {
+                return Err(CaptureError::Disagreement(diagnosis));
+            }
+        }
+        Err(CaptureError::CameraInside {
+            frame: frame.name.clone(),
+            distance: frame.camera.distance(),
+            radius,
+        })
+    }
 }

@@ -1,0 +1,124 @@
+//! Everything that can be wrong with a capture, each with what to do.
+
+use std::path::PathBuf;
+
+use super::Diagnosis;
+use crate::{image_io::ImageIoError, mesh_io::MeshIoError};
+
+/// Why a capture could not be read or written.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs)] // The fields are what the messages say of them.
+pub enum CaptureError {
+    /// A file of the capture cannot be read.
+    #[error("cannot read {}: {source}; a capture is a folder with transforms.json, images and a mesh", path.display())]
+    Read {
+        path: PathBuf,
+        source: std::io::Error,
+    },
+    /// `transforms.json` is not what it should be.
+    #[error("{} cannot be understood: {reason}; expected the JSON of Blender/NeRF or nerfstudio, with `frames`", path.display())]
+    Json { path: PathBuf, reason: String },
+    /// A kind of camera that is not supported.
+    #[error(
+        "{}: `camera_model` is {model:?}, which is not supported yet; expected a perspective camera (PINHOLE, OPENCV, \
+         SIMPLE_RADIAL or RADIAL): undistort the images to one of them", path.display()
+    )]
+    CameraModel { path: PathBuf, model: String },
+    /// No photographs.
+    #[error("{}: `frames` is empty; expected at least one photograph", path.display())]
+    NoFrames { path: PathBuf },
+    /// Two entries for one photograph.
+    #[error("{}: `frames` names {file_path:?} twice; remove or rename one of the two", path.display())]
+    DuplicateFrame { path: PathBuf, file_path: String },
+    /// A field is missing or has no possible value.
+    #[error("frame {frame:?}: `{field}` {problem}")]
+    Field {
+        frame: String,
+        field: &'static str,
+        problem: String,
+    },
+    /// `transform_matrix` is not rigid.
+    #[error(
+        "frame {frame:?}: `transform_matrix` {problem}; expected the rotation and position of the camera, camera to world"
+    )]
+    Pose { frame: String, problem: String },
+    /// A file that a frame names is not there.
+    #[error("frame {frame:?}: `{field}` names {}, which does not exist{hint}; put the file there or correct the path", path.display())]
+    Missing {
+        frame: String,
+        field: &'static str,
+        path: PathBuf,
+        hint: String,
+    },
+    /// A path that leads out of the capture's folder.
+    #[error(
+        "`{field}` names {}, which lies outside the capture's folder; move it inside, or allow paths outside when you \
+         trust the capture", path.display()
+    )]
+    Outside { field: &'static str, path: PathBuf },
+    /// An image that cannot be decoded.
+    #[error("frame {frame:?}: {source}")]
+    Image { frame: String, source: ImageIoError },
+    /// An image of another size than declared, or than the others.
+    #[error("frame {frame:?}: {} has {}×{} pixels, but {expected} {}×{}; resize the image, or correct w and h", path.display(), found[0], found[1], wanted[0], wanted[1])]
+    Size {
+        frame: String,
+        path: PathBuf,
+        found: [usize; 2],
+        expected: &'static str,
+        wanted: [usize; 2],
+    },
+    /// Pixels that are NaN or infinite.
+    #[error(
+        "frame {frame:?}: {} has {count} pixels that are NaN or infinite, the first in column {column} of row {row} (from 0, top left); \
+         render or develop the image again, or paint them over", path.display()
+    )]
+    NotFinite {
+        frame: String,
+        path: PathBuf,
+        count: usize,
+        column: usize,
+        row: usize,
+    },
+    /// Nothing says which pixels show the object.
+    #[error("frame {frame:?}: {} has no alpha channel and the frame no `mask_path`; give one of them to say which pixels show the object", path.display())]
+    NoMask { frame: String, path: PathBuf },
+    /// No pixel shows the object.
+    #[error("frame {frame:?}: the mask in {} is empty; expected values above one half where the object is: correct it, or leave the frame out", path.display())]
+    EmptyMask { frame: String, path: PathBuf },
+    /// No mesh was found.
+    #[error("{} holds no mesh.glb, .gltf, .obj or .ply; put the object's shape there, or name it with --mesh", path.display())]
+    NoMesh { path: PathBuf },
+    /// The mesh cannot be used.
+    #[error("{source}")]
+    Mesh {
+        #[from]
+        source: MeshIoError,
+    },
+    /// A camera within the object's bounding sphere.
+    #[error(
+        "frame {frame:?}: its camera is {distance:.4} from the middle of the mesh, inside the object's bounding sphere of radius \
+         {radius:.4}; check that mesh and cameras use the same unit and origin"
+    )]
+    CameraInside {
+        frame: String,
+        distance: f32,
+        radius: f32,
+    },
+    /// The mesh, seen through the cameras, is not where the masks are.
+    #[error("the mesh and the cameras disagree: {0}")]
+    Disagreement(Diagnosis),
+    /// A capture cannot be written.
+    #[error("cannot write the capture {}: {source}; check that its folder may be written, and that the disk is not full", path.display())]
+    Write {
+        path: PathBuf,
+        source: std::io::Error,
+    },
+    /// Something is already where a capture is to be written.
+    #[error("cannot write the capture {}: the folder exists and is not empty; remove it or choose another", path.display())]
+    Occupied { path: PathBuf },
+    /// An image of a capture cannot be written.
+    #[error("{0}")]
+    WriteImage(ImageIoError),
+}

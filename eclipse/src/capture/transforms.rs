@@ -1,0 +1,124 @@
+//! `transforms.json`, as Blender/NeRF and nerfstudio write it.
+//!
+//! Poses are camera-to-world with OpenGL axes. `applied_transform` and `applied_scale` say what was done to the poses
+//! already; they are read only to explain a mesh that was left behind.
+
+use std::path::Path;
+
+use serde::Deserialize;
+
+use super::CaptureError;
+use crate::image_io::ColorEncoding;
+
+/// Largest `transforms.json` that is read, in bytes.
+pub const MAX_TRANSFORMS: u64 = 1 << 27;
+
+/// The fields of `transforms.json` that are used. Others are passed over.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[non_exhaustive]
+pub struct Transforms {
+    /// Kind of camera; only perspective ones with OpenCV distortion are supported.
+    pub camera_model: Option<String>,
+    /// Intrinsics shared by the frames that do not have their own.
+    #[serde(flatten)]
+    pub intrinsics: Intrinsics,
+    /// How colours are stored, where it differs from the file type's habit. A field of ours.
+    pub color_encoding: Option<ColorEncoding>,
+    /// The object, relative to the capture's folder. nerfstudio keeps its sparse points here.
+    pub ply_file_path: Option<String>,
+    /// Rows of the 3 × 4 or 4 × 4 transform that nerfstudio applied to the original poses.
+    pub applied_transform: Option<Vec<Vec<f64>>>,
+    /// The photographs.
+    pub frames: Vec<TransformsFrame>,
+}
+
+/// One entry of `frames`.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[non_exhaustive]
+pub struct TransformsFrame {
+    /// The photograph, relative to the capture's folder, with or without extension.
+    pub file_path: String,
+    /// Its mask, if it is a file of its own: bright is the object.
+    pub mask_path: Option<String>,
+    /// Rows of the camera-to-world matrix, 4 × 4 or 3 × 4.
+    #[serde(default)]
+    pub transform_matrix: Vec<Vec<f64>>,
+    /// Intrinsics of this frame alone.
+    #[serde(flatten)]
+    pub intrinsics: Intrinsics,
+}
+
+/// Camera intrinsics in pixels (pixel corners at integers) or as angles of view in radians.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[allow(missing_docs)] // The names are those of the format and of OpenCV.
+pub struct Intrinsics {
+    pub camera_angle_x: Option<f64>,
+    pub camera_angle_y: Option<f64>,
+    pub fl_x: Option<f64>,
+    pub fl_y: Option<f64>,
+    pub cx: Option<f64>,
+    pub cy: Option<f64>,
+    pub w: Option<f64>,
+    pub h: Option<f64>,
+    pub k1: Option<f64>,
+    pub k2: Option<f64>,
+    pub k3: Option<f64>,
+    pub k4: Option<f64>,
+    pub p1: Option<f64>,
+    pub p2: Option<f64>,
+}
+
+/// Parses `transforms.json` and checks what needs no other file; `path` only names it in errors.
+pub fn parse_transforms(bytes: &[u8], path: &Path) -> Result<Transforms, CaptureError> {
+    let transforms: Transforms =
+        serde_json::from_slice(bytes).map_err(|error| CaptureError::Json {
+            path: path.into(),
+            reason: error.to_string(),
+        })?;
+    if let Some(model) = &transforms.camera_model {
+        let known = [
+            "PINHOLE",
+            "SIMPLE_PINHOLE",
+            "OPENCV",
+            "SIMPLE_RADIAL",
+            "RADIAL",
+            "PERSPECTIVE",
+        ];
+        if !known.contains(&model.as_str()) {
+            return Err(CaptureError::CameraModel {
+                path: path.into(),
+                model: model.clone(),
+            });
+        }
+    }
+    if transforms.frames.is_empty() {
+        return Err(CaptureError::NoFrames { path: path.into() });
+    }
+    Ok(transforms)
+}
+
+impl Intrinsics {
+    /// These where they are given, else those of `shared`.
+    ///
+    /// A frame that gives a focal length in either form overrides both shared forms.
+    pub fn or(&self, shared: &Self) -> Self {
+        let own_focal = self.fl_x.is_some() || self.camera_angle_x.is_some();
+        let shared_focal = |value: Option<f64>| value.filter(|_| !own_focal);
+        Self {
+            camera_angle_x: self.camera_angle_x.or(shared_focal(shared.camera_angle_x)),
+            camera_angle_y: self.camera_angle_y.or(shared_focal(shared.camera_angle_y)),
+            fl_x: self.fl_x.or(shared_focal(shared.fl_x)),
+            fl_y: self.fl_y.or(shared_focal(shared.fl_y)),
+            cx: self.cx.or(shared.cx),
+            cy: self.cy.or(shared.cy),
+            w: self.w.or(shared.w),
+            h: self.h.or(shared.h),
+            k1: self.k1.or(shared.k1),
+            k2: self.k2.or(shared.k2),
+            k3: self.k3.or(shared.k3),
+            k4: self.k4.or(shared.k4),
+            p1: self.p1.or(shared.p1),
+            p2: self.p2.or(shared.p2),
+        }
+    }
+}

@@ -1,0 +1,374 @@
+//! Reading glTF 2.0: every triangle of the default scene, node transforms applied, turned from y up to z up.
+
+use base64::{Engine, prelude::BASE64_STANDARD};
+use glam::{Mat3, Mat4, Vec2, Vec3};
+use gltf::{
+    Accessor, Document, Node, Primitive, Semantic,
+    accessor::{DataType, Dimensions},
+    buffer,
+    json::Root,
+    mesh::Mode,
+};
+use render::mesh::Mesh;
+
+use super::{MeshParseError, raw::RawMesh};
+
+/// Deepest nesting of nodes that is followed.
+const MAX_DEPTH: usize = 256;
+
+/// Parses a self-contained glTF file, binary or JSON (buffers embedded as data URIs).
+pub fn parse_glb(bytes: &[u8]) -> Result<Mesh, MeshParseError> {
+    parse_gltf(bytes, &mut |uri| {
+        Err(format!(
+            "its buffer {uri:?} is another file, but a self-contained one is expected"
+        ))
+    })
+}
+
+/// Parses a glTF file, binary or JSON; `load` fetches the buffers that it names by relative path.
+pub fn parse_gltf(
+    bytes: &[u8],
+    load: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>,
+) -> Result<Mesh, MeshParseError> {
+    let (json, blob) = split_glb(bytes)?;
+    let root = Root::from_slice(json).map_err(|error| syntax(format!("its JSON: {error}")))?;
+    let document = Document::from_json(root).map_err(|error| syntax(error.to_string()))?;
+    let buffers = document
+        .buffers()
+        .map(|buffer| fetch(&buffer, blob, load))
+        .collect::<Result<Vec<_>, _>>()?;
+    let mut reader = Reader {
+        buffers,
+        visited: vec![false; document.nodes().count()],
+        raw: RawMesh::default(),
+    };
+    let mut bare = Vec::new();
+    match document
+        .default_scene()
+        .or_else(|| document.scenes().next())
+    {
+        Some(scene) => scene
+            .nodes()
+            .try_for_each(|node| reader.node(&node, Mat4::IDENTITY, 0, &mut bare))?,
+        // A file without scenes is a library: its meshes are taken as they are.
+        None => document.meshes().try_for_each(|mesh| {
+            mesh.primitives()
+                .try_for_each(|primitive| reader.primitive(&primitive, Mat4::IDENTITY, &mut bare))
+        })?,
+    }
+    let mut raw = reader.raw;
+    // Attributes that some primitive lacks cannot be kept for a mesh with one array each.
+    let [no_normals, no_uvs] = [0, 1].map(|kind| bare.iter().any(|lacks: &[bool; 2]| lacks[kind]));
+    if no_normals {
+        raw.normals.clear();
+    }
+    if no_uvs {
+        raw.uvs.clear();
+    }
+    raw.finish()
+}
+
+fn syntax(reason: String) -> MeshParseError {
+    MeshParseError::Syntax(reason)
+}
+
+/// The JSON and the binary chunk of a GLB file; other files are all JSON.
+fn split_glb(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), MeshParseError> {
+    let Some(body) = bytes.strip_prefix(b"glTF") else {
+        return Ok((bytes, None));
+    };
+    let word = |bytes: &[u8], at: usize| -> Option<u32> {
+        Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?))
+    };
+    if word(body, 0) != Some(2) {
+        return Err(MeshParseError::Unsupported(
+            "a version of binary glTF other than 2".into(),
+        ));
+    }
+    let declared = word(body, 4).unwrap_or(0) as usize;
+    if declared > bytes.len() {
+        return Err(syntax(format!(
+            "it declares {declared} bytes but has {}",
+            bytes.len()
+        )));
+    }
+    let (mut json, mut blob) = (None, None);
+    let mut rest = &body[8..];
+    while let (Some(length), Some(kind)) = (word(rest, 0), word(rest, 4)) {
+        let Some(chunk) = rest.get(8..8 + length as usize) else {
+            return Err(syntax("a chunk of it ends early".into()));
+        };
+        match &kind.to_le_bytes() {
+            b"JSON" => json = json.or(Some(chunk)),
+            b"BIN\0" => blob = blob.or(Some(chunk)),
+            _ => {}
+        }
+        rest = &rest[8 + length as usize..];
+    }
+    Ok((
+        json.ok_or_else(|| syntax("it has no JSON chunk".into()))?,
+        blob,
+    ))
+}
+
+/// The bytes of a buffer.
+fn fetch(
+    buffer: &buffer::Buffer,
+    blob: Option<&[u8]>,
+    load: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>,
+) -> Result<Vec<u8>, MeshParseError> {
+    let data = match buffer.source() {
+        buffer::Source::Bin => blob
+            .ok_or_else(|| syntax("it has no binary chunk".into()))?
+            .to_vec(),
+        buffer::Source::Uri(uri) => match uri.strip_prefix("data:") {
+            Some(data) => {
+                let encoded = data
+                    .split_once(";base64,")
+                    .map_or("", |(_, encoded)| encoded);
+                BASE64_STANDARD
+                    .decode(encoded)
+                    .map_err(|error| syntax(format!("an embedded buffer: {error}")))?
+            }
+            None => load(&percent_decoded(uri)).map_err(syntax)?,
+        },
+    };
+    if data.len() < buffer.length() {
+        return Err(syntax(format!(
+            "a buffer has {} bytes where {} are declared",
+            data.len(),
+            buffer.length()
+        )));
+    }
+    Ok(data)
+}
+
+/// `%20` and its like as the characters they stand for.
+fn percent_decoded(uri: &str) -> String {
+    let mut bytes = Vec::new();
+    let mut rest = uri.as_bytes();
+    while let [first, tail @ ..] = rest {
+        let hex = tail.get(..2).and_then(|hex| std::str::from_utf8(hex).ok());
+        let decoded = hex
+            .filter(|_| *first == b'%')
+            .and_then(|hex| u8::from_str_radix(hex, 16).ok());
+        bytes.push(decoded.unwrap_or(*first));
+        rest = if decoded.is_some() { &tail[2..] } else { tail };
+    }
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
+struct Reader {
+    buffers: Vec<Vec<u8>>,
+    visited: Vec<bool>,
+    raw: RawMesh,
+}
+
+impl Reader {
+    fn node(
+        &mut self,
+        node: &Node,
+        parent: Mat4,
+        depth: usize,
+        bare: &mut Vec<[bool; 2]>,
+    ) -> Result<(), MeshParseError> {
+        // The format demands a tree; a cycle would never end.
+        if std::mem::replace(&mut self.visited[node.index()], true) || depth > MAX_DEPTH {
+            return Err(syntax(format!(
+                "its node {} has two parents, or is nested too deeply",
+                node.index()
+            )));
+        }
+        let world = parent * Mat4::from_cols_array_2d(&node.transform().matrix());
+        for primitive in node.mesh().iter().flat_map(|mesh| mesh.primitives()) {
+            self.primitive(&primitive, world, bare)?;
+        }
+        node.children()
+            .try_for_each(|child| self.node(&child, world, depth + 1, bare))
+    }
+
+    /// Appends a primitive; `bare` gains whether it lacks normals and texture coordinates.
+    fn primitive(
+        &mut self,
+        primitive: &Primitive,
+        world: Mat4,
+        bare: &mut Vec<[bool; 2]>,
+    ) -> Result<(), MeshParseError> {
+        let mode = primitive.mode();
+        let Some(positions) = primitive.get(&Semantic::Positions) else {
+            return Ok(());
+        };
+        if !matches!(
+            mode,
+            Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan
+        ) {
+            return Ok(());
+        }
+        let base = self.raw.positions.len();
+        let count = positions.count();
+        let positions = self.floats::<3>(&positions)?;
+        let indices = match primitive.indices() {
+            Some(accessor) => self.indices(&accessor)?,
+            None => (0..count as u32).collect(),
+        };
+        let normals = primitive
+            .get(&Semantic::Normals)
+            .map(|accessor| self.floats::<3>(&accessor))
+            .transpose()?;
+        let uvs = primitive
+            .get(&Semantic::TexCoords(0))
+            .map(|accessor| self.floats::<2>(&accessor))
+            .transpose()?;
+        if base + count > u32::MAX as usize {
+            return Err(MeshParseError::Unsupported("more than 2³² vertices".into()));
+        }
+        for other in [normals.as_ref().map(Vec::len), uvs.as_ref().map(Vec::len)]
+            .into_iter()
+            .flatten()
+        {
+            if other != count {
+                return Err(syntax(format!(
+                    "a mesh has {count} positions but {other} normals or texture coordinates"
+                )));
+            }
+        }
+        let linear = Mat3::from_mat4(world);
+        // The cofactor matrix: the inverse transpose up to a positive scale, and defined for singular transforms too.
+        let cofactor = Mat3::from_cols(
+            linear.y_axis.cross(linear.z_axis),
+            linear.z_axis.cross(linear.x_axis),
+            linear.x_axis.cross(linear.y_axis),
+        );
+        let mirrored = linear.determinant() < 0.0;
+        let sign = if mirrored { -1.0 } else { 1.0 };
+        bare.push([normals.is_none(), uvs.is_none()]);
+        self.raw.positions.extend(
+            positions
+                .iter()
+                .map(|&p| z_up(world.transform_point3(p.into()))),
+        );
+        self.raw.normals.extend(
+            normals
+                .iter()
+                .flatten()
+                .map(|&n| z_up(sign * (cofactor * Vec3::from(n)))),
+        );
+        self.raw
+            .uvs
+            .extend(uvs.iter().flatten().map(|&uv| Vec2::from(uv)));
+        let triangles: Vec<[u32; 3]> = match mode {
+            Mode::Triangles => indices.as_chunks::<3>().0.to_vec(),
+            Mode::TriangleFan => indices
+                .windows(2)
+                .skip(1)
+                .map(|pair| [indices[0], pair[0], pair[1]])
+                .collect(),
+            // Every second triangle of a strip is wound the other way.
+            _ => indices
+                .windows(3)
+                .enumerate()
+                .map(|(i, t)| {
+                    if i % 2 == 0 {
+                        [t[0], t[1], t[2]]
+                    } else {
+                        [t[1], t[0], t[2]]
+                    }
+                })
+                .collect(),
+        };
+        for [a, b, c] in triangles {
+            let face = if mirrored { [a, c, b] } else { [a, b, c] };
+            if let Some(&index) = face.iter().find(|&&index| index as usize >= count) {
+                let face = self.raw.faces.len();
+                return Err(MeshParseError::Index {
+                    face,
+                    index: index.into(),
+                    vertices: count,
+                });
+            }
+            self.raw.faces.push(face.map(|index| index + base as u32));
+        }
+        Ok(())
+    }
+
+    fn indices(&self, accessor: &Accessor) -> Result<Vec<u32>, MeshParseError> {
+        let element = |bytes: &[u8]| match (accessor.data_type(), bytes) {
+            (DataType::U8, &[a]) => Some(a.into()),
+            (DataType::U16, &[a, b]) => Some(u16::from_le_bytes([a, b]).into()),
+            (DataType::U32, &[a, b, c, d]) => Some(u32::from_le_bytes([a, b, c, d])),
+            _ => None,
+        };
+        self.elements(accessor)?
+            .map(element)
+            .collect::<Option<_>>()
+            .ok_or_else(|| syntax("its face indices are not unsigned integers".into()))
+    }
+
+    fn floats<const N: usize>(&self, accessor: &Accessor) -> Result<Vec<[f32; N]>, MeshParseError> {
+        let fits = matches!(
+            (accessor.dimensions(), N),
+            (Dimensions::Vec2, 2) | (Dimensions::Vec3, 3)
+        );
+        let element = |bytes: &[u8]| {
+            let mut values = [0.0; N];
+            let size = bytes.len() / N;
+            for (value, bytes) in values.iter_mut().zip(bytes.chunks_exact(size)) {
+                *value = match (accessor.data_type(), bytes) {
+                    (DataType::F32, &[a, b, c, d]) => f32::from_le_bytes([a, b, c, d]),
+                    (DataType::U8, &[a]) => f32::from(a) / 255.0,
+                    (DataType::U16, &[a, b]) => f32::from(u16::from_le_bytes([a, b])) / 65535.0,
+                    _ => return None,
+                };
+            }
+            Some(values)
+        };
+        let elements = self.elements(accessor)?;
+        fits.then(|| elements.map(element).collect::<Option<_>>())
+            .flatten()
+            .ok_or_else(|| syntax("positions, normals or texture coordinates are of another type than the format asks".into()))
+    }
+
+    /// The bytes of each element, checked against the buffer.
+    fn elements<'a>(
+        &'a self,
+        accessor: &Accessor<'a>,
+    ) -> Result<impl Iterator<Item = &'a [u8]>, MeshParseError> {
+        if accessor.sparse().is_some() {
+            return Err(MeshParseError::Unsupported("sparse accessors".into()));
+        }
+        let view = accessor
+            .view()
+            .ok_or_else(|| MeshParseError::Unsupported("accessors without data".into()))?;
+        let (size, count) = (accessor.size(), accessor.count());
+        let stride = view.stride().unwrap_or(size);
+        let outside = || {
+            syntax(format!(
+                "accessor {} reaches beyond its buffer",
+                accessor.index()
+            ))
+        };
+        let end = view
+            .offset()
+            .checked_add(view.length())
+            .ok_or_else(outside)?;
+        let bytes = self.buffers[view.buffer().index()]
+            .get(view.offset()..end)
+            .ok_or_else(outside)?;
+        let bytes = bytes.get(accessor.offset()..).ok_or_else(outside)?;
+        let needed = count
+            .checked_sub(1)
+            .and_then(|last| last.checked_mul(stride)?.checked_add(size));
+        if stride < size
+            || needed.is_some_and(|needed| needed > bytes.len())
+            || (count > 0 && needed.is_none())
+        {
+            return Err(outside());
+        }
+        Ok((0..count).map(move |index| &bytes[index * stride..index * stride + size]))
+    }
+}
+
+/// From glTF's y up to z up: (x, y, z) here is (x, z, −y) there.
+fn z_up(v: Vec3) -> Vec3 {
+    Vec3::new(v.x, -v.z, v.y)
+}

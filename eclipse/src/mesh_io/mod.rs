@@ -1,0 +1,176 @@
+//! Mesh files: glTF 2.0 (binary or not), Wavefront OBJ and Stanford PLY in; binary glTF out.
+//!
+//! glTF is y up by definition and is turned to z up, with all node transforms applied; OBJ and PLY are read raw.
+//! Texture coordinates follow glTF: v grows downwards.
+
+mod gltf_in;
+mod gltf_out;
+mod obj;
+mod ply;
+mod ply_header;
+mod raw;
+
+use std::{
+    io::Write,
+    path::{Path, PathBuf},
+};
+
+use render::mesh::Mesh;
+
+use crate::{files::read_limited, output::atomic};
+
+pub use gltf_in::{parse_glb, parse_gltf};
+pub use gltf_out::{GlbSurface, GlbTextures, encode_glb};
+pub use obj::parse_obj;
+pub use ply::parse_ply;
+
+/// Largest mesh file that is read, in bytes.
+pub const MAX_FILE: u64 = 1 << 31;
+
+/// Reads a mesh; the format goes by the extension (`glb`, `gltf`, `obj`, `ply`), upper or lower case.
+///
+/// Missing normals are computed from the faces around each position, weighted by angle. Faces that name a vertex twice
+/// are dropped. Buffers of a `.gltf` must lie in its folder.
+pub fn read_mesh(path: &Path) -> Result<Mesh, MeshIoError> {
+    let bytes = read(path)?;
+    let extension = path
+        .extension()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .to_ascii_lowercase();
+    let mesh = match extension.as_str() {
+        "glb" | "gltf" => parse_gltf(&bytes, &mut |uri| read_beside(path, uri)),
+        "obj" => parse_obj(&bytes),
+        "ply" => parse_ply(&bytes),
+        _ => return Err(MeshIoError::Extension { path: path.into() }),
+    };
+    mesh.map_err(|source| MeshIoError::Parse {
+        path: path.into(),
+        source,
+    })
+}
+
+/// Writes a binary glTF 2.0 file (y up) that Blender and other programs open.
+pub fn write_glb(path: &Path, mesh: &Mesh, surface: &GlbSurface) -> Result<(), MeshIoError> {
+    let bytes = encode_glb(mesh, surface).map_err(|reason| MeshIoError::Encode {
+        path: path.into(),
+        reason,
+    })?;
+    atomic::write(path, |file| file.write_all(&bytes)).map_err(|source| MeshIoError::Write {
+        path: path.into(),
+        source,
+    })
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, MeshIoError> {
+    read_limited(path, MAX_FILE).map_err(|source| MeshIoError::Read {
+        path: path.into(),
+        source,
+    })
+}
+
+/// A buffer that a `.gltf` names, which must not lead out of its folder.
+fn read_beside(path: &Path, uri: &str) -> Result<Vec<u8>, String> {
+    let folder = path
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .unwrap_or(Path::new("."));
+    let fail = |error: std::io::Error| format!("its buffer {uri:?} cannot be read: {error}");
+    let folder = folder.canonicalize().map_err(fail)?;
+    let file = folder.join(uri).canonicalize().map_err(fail)?;
+    if !file.starts_with(&folder) {
+        return Err(format!(
+            "its buffer {uri:?} lies outside the mesh's folder: put it beside the mesh"
+        ));
+    }
+    read_limited(&file, MAX_FILE).map_err(fail)
+}
+
+/// Why a mesh could not be read or written.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum MeshIoError {
+    /// The file cannot be opened or read.
+    #[error("cannot read the mesh {}: {source}; check that it exists and may be read", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The extension is none of those known.
+    #[error("{} has no known mesh extension: export it as .glb, .gltf, .obj or .ply", path.display())]
+    Extension {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The content is not a usable mesh.
+    #[error("the mesh {} {source}", path.display())]
+    Parse {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: MeshParseError,
+    },
+    /// The mesh or its surface cannot be written.
+    #[error("cannot write the mesh {}: {reason}", path.display())]
+    Encode {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The file cannot be written.
+    #[error("cannot write {}: {source}; check that the folder exists, may be written, and that the disk is not full", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+/// What is wrong with the content of a mesh file. The messages continue "the mesh FILE …".
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum MeshParseError {
+    /// The bytes do not follow the format.
+    #[error("is damaged or truncated ({0}); export it again")]
+    Syntax(String),
+    /// The file uses a part of the format that is not supported.
+    #[error("uses {0}, which is not supported; export it without")]
+    Unsupported(String),
+    /// There is nothing to see.
+    #[error(
+        "has no faces ({vertices} vertices): a point cloud does not do, export a triangle mesh"
+    )]
+    NoFaces {
+        /// Vertices it has.
+        vertices: usize,
+    },
+    /// A face names a vertex that is not there.
+    #[error(
+        "has a face (number {face}, from 0) that names vertex {index}, but there are {vertices} vertices; export it again"
+    )]
+    Index {
+        /// The face, counted from 0.
+        face: usize,
+        /// The index it names.
+        index: i64,
+        /// Vertices there are.
+        vertices: usize,
+    },
+    /// Positions that are NaN or infinite.
+    #[error(
+        "has {count} vertices with coordinates that are not finite, the first is number {first} (from 0); repair it, or delete them"
+    )]
+    NotFinite {
+        /// How many.
+        count: usize,
+        /// The first, counted from 0.
+        first: usize,
+    },
+    /// All vertices lie at one point.
+    #[error("has no extent: all its vertices lie at one point")]
+    NoExtent,
+}
