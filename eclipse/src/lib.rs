@@ -9,6 +9,7 @@ pub mod files;
 pub mod image_io;
 pub mod mesh_io;
 pub mod output;
+pub mod progress;
 pub mod reconstruction;
 pub mod report;
 pub mod settings;

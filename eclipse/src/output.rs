@@ -1,6 +1,7 @@
 //! A reconstruction on disk: which file holds what, each whole or not at all.
 
 pub mod atomic;
+mod mesh;
 
 use std::{
     collections::BTreeMap,
@@ -14,6 +15,7 @@ use serde::Serialize;
 use crate::{
     capture::Capture,
     image_io::{ExrOptions, ImageIoError, Precision, write_exr_with},
+    mesh_io::MeshIoError,
     reconstruction::Reconstruction,
     report::{self, ReportOptions},
 };
@@ -80,6 +82,7 @@ pub fn write(
         &half,
     )?;
     write_numbered(&folder.join(RENDERS), &reconstruction.renders, &rgb, &half)?;
+    mesh::write(&folder.join(MESH), capture, reconstruction)?;
     if let Some(network) = &reconstruction.network {
         write_bytes(
             &folder.join(format!("materials.{}", network.extension)),
@@ -177,6 +180,9 @@ pub enum OutputError {
     /// An image could not be encoded or written.
     #[error(transparent)]
     Image(#[from] ImageIoError),
+    /// The mesh could not be encoded or written.
+    #[error(transparent)]
+    Mesh(#[from] MeshIoError),
 }
 
 /// What to do about a write that failed.
