@@ -1,0 +1,94 @@
+//! A small capture of an object without any symmetry, made in memory.
+
+use std::f32::consts::TAU;
+
+use eclipse::capture::{Capture, Frame};
+use glam::Vec3;
+use render::{bvh::Bvh, camera::Camera, image::Image, mesh::Mesh};
+
+/// Pixels across and down.
+pub const SIZE: [usize; 2] = [64, 48];
+
+/// A capture of six frames around [`boxes`], whose own frame is shifted by `centre`.
+pub fn small_capture(centre: Vec3) -> Capture {
+    let mesh = boxes();
+    let bvh = Bvh::new(&mesh).expect("the boxes are a mesh");
+    let frames = (0..6).map(|index| {
+        let azimuth = index as f32 / 6.0 * TAU;
+        let eye = 5.0 * Vec3::new(azimuth.cos(), azimuth.sin(), 0.2 + 0.1 * index as f32);
+        let mut camera = Camera::look_at(SIZE[0], SIZE[1], 0.6, eye, Vec3::ZERO);
+        camera.distortion = [-0.05, 0.01, 0.002, -0.001];
+        camera.principal[0] += 1.5;
+        let mask = Image {
+            width: SIZE[0],
+            height: SIZE[1],
+            channels: 1,
+            data: bvh.coverage(&camera, 4),
+        };
+        let value = |i: usize| (i % 97) as f32 / 64.0;
+        let data = (0..SIZE[0] * SIZE[1] * 3).map(value).collect();
+        let image = Image {
+            width: SIZE[0],
+            height: SIZE[1],
+            channels: 3,
+            data,
+        };
+        Frame {
+            name: format!("{index:03}"),
+            camera,
+            image,
+            mask,
+        }
+    });
+    Capture {
+        path: "small".into(),
+        frames: frames.collect(),
+        mesh,
+        centre,
+    }
+}
+
+/// Three boxes along the axes, of different lengths, joined in a corner; the bounding box is centred at the origin.
+pub fn boxes() -> Mesh {
+    let mut mesh = Mesh::default();
+    for (low, high) in [
+        ([0.0, 0.0, 0.0], [1.6, 0.4, 0.4]),
+        ([0.0, 0.0, 0.0], [0.4, 1.1, 0.3]),
+        ([0.1, 0.1, 0.0], [0.3, 0.3, 0.8]),
+    ] {
+        let offset = Vec3::new(0.8, 0.55, 0.4);
+        add_box(
+            &mut mesh,
+            Vec3::from(low) - offset,
+            Vec3::from(high) - offset,
+        );
+    }
+    mesh
+}
+
+fn add_box(mesh: &mut Mesh, low: Vec3, high: Vec3) {
+    // Each side has its own four vertices, for its own normal.
+    for axis in 0..3 {
+        for top in [false, true] {
+            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+            let base = mesh.positions.len() as u32;
+            for (at_u, at_v) in [(false, false), (true, false), (true, true), (false, true)] {
+                let mut position = low;
+                for (axis, high_side) in [(axis, top), (u, at_u), (v, at_v)] {
+                    position[axis] = if high_side { high[axis] } else { low[axis] };
+                }
+                mesh.positions.push(position);
+                let mut normal = Vec3::ZERO;
+                normal[axis] = if top { 1.0 } else { -1.0 };
+                mesh.normals.push(normal);
+            }
+            let faces = if top {
+                [[0, 1, 2], [0, 2, 3]]
+            } else {
+                [[0, 2, 1], [0, 3, 2]]
+            };
+            mesh.faces
+                .extend(faces.map(|face| face.map(|index| base + index)));
+        }
+    }
+}
