@@ -1,1 +1,72 @@
-//! Vectorised-tape automatic differentiation.
+//! Automatic differentiation of array programs on the CPU: record once, run by blocks.
+//!
+//! Made for differentiable renderers, of which it knows nothing: values live on *domains* (pixels, samples, texels ..), change
+//! domain by explicit operations (expand and segment sums, gathers, linear maps), and detached values cannot carry gradient
+//! by accident. A compiled [`Program`] runs forward ([`Program::forward`]), in reverse ([`Program::vjp`]), along a direction
+//! ([`Program::jvp`]), and as the Gauss-Newton product of both ([`Program::gauss_newton`]), in `f32` or `f64`. Results are
+//! bit-identical for any number of threads and any block size.
+//!
+//! # A tour
+//! ```
+//! use autodiff::{Graph, Sizes};
+//!
+//! // Record: pixels have samples, samples look up texels.
+//! let g = Graph::new();
+//! let (pixel, texel) = (g.domain("pixel"), g.domain("texel"));
+//! let sample = g.segments("sample", &pixel);
+//! let albedo = g.param("albedo", &pixel, 3);
+//! let environment = g.param("environment", &texel, 3);
+//! let direction = g.index("direction", &sample, &texel);
+//! let cosine = g.input("cosine", &sample, 1);
+//! let visible = g.mask("visible", &sample);
+//! let target = g.input("target", &pixel, 3);
+//!
+//! let light = visible.select_or_zero(&(environment.gather(&direction) * &cosine));
+//! let residual = light.segment_mean() * &albedo - &target;
+//! let loss = residual.square().sum();
+//! let program = g.compile(&[("loss", &loss), ("residual", &residual)])?;
+//!
+//! // Bind: two pixels of three samples, four texels.
+//! let sizes = Sizes::new().lanes("pixel", 2).lanes("texel", 4).per_parent("sample", 3);
+//! let mut ws = program.workspace::<f32>(&sizes)?;
+//! ws.set("albedo", &[0.5; 6])?;
+//! ws.set("environment", &[1.0; 12])?;
+//! ws.set("cosine", &[0.8; 6])?;
+//! ws.set("target", &[0.3; 6])?;
+//! ws.set_index("direction", &[0, 1, 2, 1, 1, 3])?;
+//! ws.set_mask("visible", &[true, true, false, true, false, true])?;
+//!
+//! // Run.
+//! program.vjp(&mut ws, "loss")?;
+//! assert!((ws.output("loss")?[0] - 6.0 * (0.8 * 0.5 * 2.0 / 3.0 - 0.3f32).powi(2)).abs() < 1e-6);
+//! assert_eq!(ws.gradient("environment")?[2], 0.0); // only a hidden sample looks there
+//!
+//! let step = [0.1; 6];
+//! program.gauss_newton(&mut ws, "residual", &[("albedo", &step)], None)?;
+//! assert_eq!(ws.gradient("albedo")?.len(), 6);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! Mistakes in formulas are returned by [`Graph::compile`], with both operands and the place in the source; mistakes in what
+//! is bound are returned when it is bound.
+
+mod buffer;
+mod dual;
+mod error;
+mod graph;
+mod linear_map;
+mod math;
+mod op;
+mod program;
+mod real;
+mod run;
+
+pub use dual::{Dual, DualNumber};
+pub use error::{GraphError, RunError};
+pub use graph::{
+    Array, Axis, Detached, Differentiable, Domain, Fixed, Graph, Index, Join, Kind, Mask, Var,
+};
+pub use linear_map::LinearMap;
+pub use program::Program;
+pub use real::{Fma, Fused, Real, Scalar, Unfused};
+pub use run::{Sizes, Workspace};

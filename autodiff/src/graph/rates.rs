@@ -1,0 +1,267 @@
+//! Operations that change the domain or the axis: expand and segment sums, gathers, linear maps, reductions, matmul.
+
+use std::panic::Location;
+use std::sync::Arc;
+
+use super::array::{Array, Join, Kind};
+use super::handles::{Domain, Index};
+use super::node::{Op, Shape, UNIFORM};
+use crate::error::GraphError;
+use crate::linear_map::LinearMap;
+
+impl<A: Kind> Array<A> {
+    /// The value of each lane's parent, on a domain declared with [`super::Graph::segments`]. Adjoint of
+    /// [`Array::segment_sum`].
+    #[track_caller]
+    pub fn expand(&self, child: &Domain) -> Array<A> {
+        let location = Location::caller();
+        self.graph.check(child.graph, "expand", location);
+        let shape = self.shape();
+        if self.parent_of(child.id) != Some(shape.domain) {
+            self.reject(
+                "expand",
+                location,
+                "expand goes from a domain to one declared as its `segments`",
+            );
+        }
+        let shape = Shape {
+            domain: child.id,
+            ..shape
+        };
+        // One expansion of a value serves all its uses.
+        let id = self.graph.reuse(Op::Expand, self.id, shape, location);
+        Array::from_id(&self.graph, id)
+    }
+
+    /// Sum over the lanes of each segment, on the parent domain; 0 for an empty segment. Adjoint of [`Array::expand`].
+    #[track_caller]
+    pub fn segment_sum(&self) -> Array<A> {
+        self.segment(Op::SegmentSum { mean: false }, Location::caller())
+    }
+
+    /// Mean over the lanes of each segment, on the parent domain; 0 for an empty segment.
+    #[track_caller]
+    pub fn segment_mean(&self) -> Array<A> {
+        self.segment(Op::SegmentSum { mean: true }, Location::caller())
+    }
+
+    /// `(self * other).segment_sum()` without the product in memory. Channels and axis broadcast as in a product.
+    #[track_caller]
+    pub fn segment_dot<B: Kind>(&self, other: &Array<B>) -> Array<A::Out>
+    where
+        A: Join<B>,
+    {
+        let location = Location::caller();
+        // The product checks and broadcasts the shapes; it is left out of the program, since nothing uses it.
+        let product = self * other;
+        let shape = product.shape();
+        let Some(parent) = product.parent_of(shape.domain) else {
+            product.reject("segment_dot", location, NO_SEGMENTS);
+            return product;
+        };
+        let inputs = [self.id, other.id]
+            .iter()
+            .map(|&id| self.graph.broadcast(id, shape.domain, None, location))
+            .collect();
+        let shape = Shape {
+            domain: parent,
+            ..shape
+        };
+        let id = self.graph.push(Op::SegmentDot, inputs, shape, location);
+        Array::from_id(&self.graph, id)
+    }
+
+    /// Sum over all lanes, keeping channels and axis; uniform.
+    #[track_caller]
+    pub fn sum_lanes(&self) -> Array<A> {
+        let shape = Shape {
+            domain: UNIFORM,
+            ..self.shape()
+        };
+        self.derive(Op::SumLanes, shape, Location::caller())
+    }
+
+    /// Sum along the inner axis.
+    #[track_caller]
+    pub fn sum_axis(&self) -> Array<A> {
+        let shape = self.shape();
+        if shape.axis.is_none() {
+            return self.clone();
+        }
+        let shape = Shape {
+            axis: None,
+            ..shape
+        };
+        self.derive(Op::SumAxis, shape, Location::caller())
+    }
+
+    /// Sum of everything: axis, channels and lanes; a single number.
+    #[track_caller]
+    pub fn sum(&self) -> Array<A> {
+        let mut sum = self.sum_axis();
+        if sum.channels() > 1 {
+            sum = sum.sum_channels();
+        }
+        sum.sum_lanes()
+    }
+
+    /// Rows of this table at `index`: channels and axis are carried. The adjoint scatters and adds.
+    #[track_caller]
+    pub fn gather(&self, index: &Index) -> Array<A> {
+        let location = Location::caller();
+        let shape = self.lookup_shape(index, "gather", location);
+        let id = self
+            .graph
+            .reuse(Op::Gather(index.id), self.id, shape, location);
+        Array::from_id(&self.graph, id)
+    }
+
+    /// `sum_k weight_k * self[index_k]`: an interpolated lookup. Weights have one channel and no axis.
+    #[track_caller]
+    pub fn gather_weighted<B: Kind>(&self, corners: &[(&Index, &Array<B>)]) -> Array<A::Out>
+    where
+        A: Join<B>,
+    {
+        let location = Location::caller();
+        let mut shape = self.shape();
+        let mut inputs = vec![self.id];
+        let mut indices = Vec::new();
+        if corners.is_empty() || corners.len() > CORNERS {
+            self.reject("gather_weighted", location, "give one to eight corners");
+        }
+        for (index, weight) in corners {
+            shape = self.lookup_shape(index, "gather_weighted", location);
+            self.graph
+                .check(weight.graph.stamp, "gather_weighted", location);
+            let weight_shape = weight.shape();
+            let fits = weight_shape.domain == shape.domain || weight_shape.domain == UNIFORM;
+            if !fits || weight_shape.channels != 1 || weight_shape.axis.is_some() {
+                self.graph.fail(GraphError::ShapeMismatch {
+                    op: "gather_weighted",
+                    lhs: self.graph.describe(self.id),
+                    rhs: self.graph.describe(weight.id),
+                    hint: "a weight has one channel, no axis, and the domain of its index"
+                        .to_string(),
+                    location: location.to_string(),
+                });
+            }
+            inputs.push(
+                self.graph
+                    .broadcast(weight.id, shape.domain, None, location),
+            );
+            indices.push(index.id);
+        }
+        let id = self
+            .graph
+            .push(Op::GatherWeighted(indices), inputs, shape, location);
+        Array::from_id(&self.graph, id)
+    }
+
+    /// A fixed linear operator on the whole array, channel by channel; the axis goes along as columns.
+    #[track_caller]
+    pub fn linear_map(&self, to: &Domain, map: Arc<dyn LinearMap>) -> Array<A> {
+        let location = Location::caller();
+        self.graph.check(to.graph, "linear_map", location);
+        let shape = Shape {
+            domain: to.id,
+            ..self.shape()
+        };
+        self.derive(Op::Map(map), shape, location)
+    }
+
+    /// A dense layer: the channels of each lane times a uniform matrix of `out x in` channels (row-major), plus an
+    /// optional uniform bias of `out` channels.
+    #[track_caller]
+    pub fn matmul<B: Kind>(&self, weight: &Array<B>, bias: Option<&Array<B>>) -> Array<A::Out>
+    where
+        A: Join<B>,
+    {
+        let location = Location::caller();
+        let (shape, matrix) = (self.shape(), weight.shape());
+        let channels = matrix.channels / shape.channels.max(1);
+        let fits = shape.axis.is_none()
+            && matrix.axis.is_none()
+            && matrix.domain == UNIFORM
+            && channels * shape.channels == matrix.channels;
+        if !fits {
+            self.graph.fail(GraphError::ShapeMismatch {
+                op: "matmul",
+                lhs: self.graph.describe(self.id),
+                rhs: self.graph.describe(weight.id),
+                hint: "the weight is uniform with out x in channels, and neither has an axis"
+                    .to_string(),
+                location: location.to_string(),
+            });
+        }
+        let mut inputs = vec![self.id, weight.id];
+        if let Some(bias) = bias {
+            let offset = bias.shape();
+            if offset.domain != UNIFORM || offset.axis.is_some() || offset.channels != channels {
+                bias.reject(
+                    "matmul",
+                    location,
+                    format!("the bias is uniform with {channels} channels"),
+                );
+            }
+            inputs.push(bias.id);
+        }
+        for operand in [Some(weight), bias].into_iter().flatten() {
+            self.graph.check(operand.graph.stamp, "matmul", location);
+        }
+        let shape = Shape { channels, ..shape };
+        let id = self.graph.push(Op::Matmul, inputs, shape, location);
+        Array::from_id(&self.graph, id)
+    }
+
+    fn segment(&self, op: Op, location: &'static Location<'static>) -> Array<A> {
+        let shape = self.shape();
+        let Some(parent) = self.parent_of(shape.domain) else {
+            self.reject(op.name(), location, NO_SEGMENTS);
+            return self.clone();
+        };
+        let shape = Shape {
+            domain: parent,
+            ..shape
+        };
+        self.derive(op, shape, location)
+    }
+
+    fn parent_of(&self, domain: usize) -> Option<usize> {
+        self.graph.recording.borrow().domains[domain].parent
+    }
+
+    /// The shape of a lookup in this table.
+    fn lookup_shape(
+        &self,
+        index: &Index,
+        op: &'static str,
+        location: &'static Location<'static>,
+    ) -> Shape {
+        let shape = self.shape();
+        if index.graph != self.graph.stamp {
+            self.graph.check(index.graph, op, location);
+            return shape;
+        }
+        let info = self.graph.recording.borrow().indices[index.id].clone();
+        if info.table != shape.domain {
+            let table = self.graph.recording.borrow().domains[info.table]
+                .name
+                .clone();
+            self.reject(
+                op,
+                location,
+                format!("index `{}` looks up the domain `{table}`", info.name),
+            );
+        }
+        Shape {
+            domain: info.domain,
+            ..shape
+        }
+    }
+}
+
+/// Most corners of an interpolated lookup: those of a cell in three dimensions.
+pub(crate) const CORNERS: usize = 8;
+
+const NO_SEGMENTS: &str =
+    "its domain has no parent: declare it with `segments`, or use `sum_lanes`";

@@ -1,0 +1,181 @@
+//! The graph being recorded.
+
+use std::cell::RefCell;
+use std::panic::Location;
+use std::rc::Rc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use super::array::Array;
+use super::node::{DomainInfo, IndexInfo, Node, NodeId, Op, Shape, UNIFORM};
+use crate::error::GraphError;
+use crate::program::Program;
+
+/// Records array operations; [`Graph::compile`] makes a [`Program`] of them.
+///
+/// Operations on the values of a graph cannot fail one by one, so that formulas read as formulas: the first mistake is kept,
+/// with both operands and the place in the source, and [`Graph::compile`] returns it.
+#[derive(Clone)]
+pub struct Graph {
+    pub(super) recording: Rc<RefCell<Recording>>,
+    pub(super) stamp: u64,
+}
+
+/// What has been recorded.
+#[derive(Clone, Default)]
+pub(crate) struct Recording {
+    pub nodes: Vec<Node>,
+    pub domains: Vec<DomainInfo>,
+    pub axes: Vec<String>,
+    pub indices: Vec<IndexInfo>,
+    pub error: Option<GraphError>,
+}
+
+impl Default for Graph {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Graph {
+    /// An empty graph.
+    pub fn new() -> Self {
+        static STAMP: AtomicU64 = AtomicU64::new(0);
+        let recording = Recording {
+            domains: vec![DomainInfo {
+                name: "uniform".to_string(),
+                parent: None,
+            }],
+            ..Recording::default()
+        };
+        Graph {
+            recording: Rc::new(RefCell::new(recording)),
+            stamp: STAMP.fetch_add(1, Ordering::Relaxed),
+        }
+    }
+
+    /// Compiles the named outputs, and what they need, into a program.
+    ///
+    /// # Errors
+    /// The first mistake made while recording.
+    pub fn compile<T: AsRef<Array<M>>, M>(
+        &self,
+        outputs: &[(&str, T)],
+    ) -> Result<Program, GraphError> {
+        let mut names = Vec::new();
+        for (name, value) in outputs {
+            let value = value.as_ref();
+            if value.graph.stamp != self.stamp {
+                return Err(GraphError::OtherGraph {
+                    op: "compile",
+                    location: value.location(),
+                });
+            }
+            names.push((name.to_string(), value.id));
+        }
+        let recording = self.recording.borrow();
+        match &recording.error {
+            Some(error) => Err(error.clone()),
+            None => Ok(Program::new(&recording, names)),
+        }
+    }
+
+    /// Appends a node and returns its position.
+    pub(super) fn push(
+        &self,
+        op: Op,
+        inputs: Vec<NodeId>,
+        shape: Shape,
+        location: &'static Location<'static>,
+    ) -> NodeId {
+        let mut recording = self.recording.borrow_mut();
+        let active = match op {
+            Op::Param => true,
+            Op::Detach => false,
+            _ => inputs.iter().any(|&i| recording.nodes[i].active),
+        };
+        recording.nodes.push(Node {
+            op,
+            inputs,
+            shape,
+            label: None,
+            active,
+            location,
+        });
+        recording.nodes.len() - 1
+    }
+
+    pub(super) fn shape(&self, id: NodeId) -> Shape {
+        self.recording.borrow().nodes[id].shape
+    }
+
+    /// Keeps the first mistake.
+    pub(super) fn fail(&self, error: GraphError) {
+        let mut recording = self.recording.borrow_mut();
+        recording.error.get_or_insert(error);
+    }
+
+    /// A node's label and shape, for messages.
+    pub(super) fn describe(&self, id: NodeId) -> String {
+        self.recording.borrow().describe(id)
+    }
+
+    /// The operand on `domain` and with `axis`: itself, or repeated over lanes and axis as far as that is unambiguous.
+    pub(super) fn broadcast(
+        &self,
+        id: NodeId,
+        domain: usize,
+        axis: Option<usize>,
+        location: &'static Location<'static>,
+    ) -> NodeId {
+        let mut id = id;
+        let mut shape = self.shape(id);
+        if shape.domain == UNIFORM && domain != UNIFORM {
+            shape.domain = domain;
+            id = self.reuse(Op::Splat, id, shape, location);
+        }
+        if shape.axis.is_none() && axis.is_some() {
+            shape.axis = axis;
+            id = self.reuse(Op::Repeat, id, shape, location);
+        }
+        id
+    }
+
+    /// The node that already applies `op` (a broadcast, expansion or gather) to `input` with this shape, or a new one.
+    pub(super) fn reuse(
+        &self,
+        op: Op,
+        input: NodeId,
+        shape: Shape,
+        location: &'static Location<'static>,
+    ) -> NodeId {
+        let found = self.recording.borrow().nodes.iter().position(|node| {
+            node.inputs == [input] && node.shape == shape && node.op.same_lookup(&op)
+        });
+        found.unwrap_or_else(|| self.push(op, vec![input], shape, location))
+    }
+}
+
+impl Recording {
+    /// A shape in words: `sample x 3 x frame`.
+    pub fn shape_text(&self, shape: Shape) -> String {
+        let mut text = self.domains[shape.domain].name.clone();
+        if shape.channels != 1 {
+            text += &format!(" x {}", shape.channels);
+        }
+        if let Some(axis) = shape.axis {
+            text += &format!(" x {}", self.axes[axis]);
+        }
+        text
+    }
+
+    /// Label, or operation, and shape of a node.
+    pub fn describe(&self, id: NodeId) -> String {
+        let node = &self.nodes[id];
+        let name = match (&node.label, &node.op) {
+            (Some(label), _) => format!("`{label}`"),
+            (None, Op::Constant(value)) => format!("the constant {value}"),
+            (None, op) => format!("a result of `{}`", op.name()),
+        };
+        format!("{name} ({})", self.shape_text(node.shape))
+    }
+}

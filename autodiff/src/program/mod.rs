@@ -1,0 +1,117 @@
+//! The compiled program: an immutable schedule of phases, shared between threads and workspaces.
+
+mod phase;
+mod schedule;
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+pub(crate) use phase::{Body, NONE, Phase, PullKind};
+
+use crate::graph::{DomainInfo, IndexInfo, Node, NodeId, Op, Recording, Shape};
+
+/// A compiled graph: immutable, `Send + Sync`, independent of sizes and of the scalar type.
+///
+/// Nodes are grouped into *phases*, one domain each. Within a phase, blocks of lanes run through all its nodes in a small
+/// arena; only values that another phase needs, and the outputs, are kept whole. Reverse mode runs the phases backwards and
+/// recomputes each block's values (checkpointing at phase boundaries).
+pub struct Program {
+    pub(crate) stamp: u64,
+    pub(crate) nodes: Vec<Node>,
+    pub(crate) domains: Vec<DomainInfo>,
+    pub(crate) axes: Vec<String>,
+    pub(crate) indices: Vec<IndexInfo>,
+    pub(crate) outputs: Vec<(String, NodeId)>,
+    pub(crate) phases: Vec<Phase>,
+    /// Nodes whose value is kept for all lanes.
+    pub(crate) whole: Vec<bool>,
+}
+
+impl Program {
+    pub(crate) fn new(recording: &Recording, outputs: Vec<(String, NodeId)>) -> Program {
+        static STAMP: AtomicU64 = AtomicU64::new(0);
+        let (nodes, outputs) = prune(recording, outputs);
+        let schedule = schedule::schedule(&nodes, &outputs);
+        let phases = schedule
+            .groups
+            .iter()
+            .map(|group| Phase::new(&nodes, group, &schedule.whole))
+            .collect();
+        Program {
+            stamp: STAMP.fetch_add(1, Ordering::Relaxed),
+            nodes,
+            domains: recording.domains.clone(),
+            axes: recording.axes.clone(),
+            indices: recording.indices.clone(),
+            outputs,
+            phases,
+            whole: schedule.whole,
+        }
+    }
+
+    /// Names of the parameters, in the order of declaration.
+    pub fn params(&self) -> impl Iterator<Item = &str> {
+        self.nodes
+            .iter()
+            .filter(|node| matches!(node.op, Op::Param))
+            .filter_map(|node| node.label.as_deref())
+    }
+
+    /// A shape in words.
+    pub(crate) fn shape_text(&self, shape: Shape) -> String {
+        let recording = Recording {
+            domains: self.domains.clone(),
+            axes: self.axes.clone(),
+            ..Recording::default()
+        };
+        recording.shape_text(shape)
+    }
+
+    /// A node's label, or its operation and place in the source.
+    pub(crate) fn node_name(&self, id: NodeId) -> String {
+        let node = &self.nodes[id];
+        match &node.label {
+            Some(label) => label.clone(),
+            None => format!("{} at {}", node.op.name(), node.location),
+        }
+    }
+}
+
+/// Keeps what the outputs need, and all parameters: an unused one has a gradient of zero.
+fn prune(
+    recording: &Recording,
+    outputs: Vec<(String, NodeId)>,
+) -> (Vec<Node>, Vec<(String, NodeId)>) {
+    let mut used: Vec<bool> = recording
+        .nodes
+        .iter()
+        .map(|node| matches!(node.op, Op::Param))
+        .collect();
+    for (_, id) in &outputs {
+        used[*id] = true;
+    }
+    for id in (0..recording.nodes.len()).rev() {
+        if used[id] {
+            for &input in &recording.nodes[id].inputs {
+                used[input] = true;
+            }
+        }
+    }
+    let mut position = vec![0; recording.nodes.len()];
+    let mut nodes: Vec<Node> = Vec::new();
+    for (id, node) in recording
+        .nodes
+        .iter()
+        .enumerate()
+        .filter(|(id, _)| used[*id])
+    {
+        position[id] = nodes.len();
+        let mut node = node.clone();
+        node.inputs.iter_mut().for_each(|i| *i = position[*i]);
+        nodes.push(node);
+    }
+    let outputs = outputs
+        .into_iter()
+        .map(|(name, id)| (name, position[id]))
+        .collect();
+    (nodes, outputs)
+}

@@ -1,0 +1,214 @@
+//! A block of lanes: the arena that it runs in, and access to values whole and local.
+
+use std::mem::take;
+
+use pulp::Arch;
+
+use super::chunk::{Chunk, Span};
+use super::sizes::Extent;
+use crate::buffer::Buffer;
+use crate::graph::{NodeId, Op};
+use crate::program::{NONE, Phase, Program};
+use crate::real::Real;
+
+/// A whole array: `[channel][lane][axis]`.
+#[derive(Clone, Debug)]
+pub(super) enum Whole<R> {
+    Owned(Buffer<R>),
+    Shared(std::sync::Arc<[R]>),
+}
+
+impl<R: Real> Whole<R> {
+    #[inline(always)]
+    pub fn as_slice(&self) -> &[R] {
+        match self {
+            Whole::Owned(buffer) => buffer.as_slice(),
+            Whole::Shared(array) => array,
+        }
+    }
+}
+
+/// What all blocks of a phase share.
+pub(super) struct Env<'a, R> {
+    pub program: &'a Program,
+    pub phase: &'a Phase,
+    pub extent: &'a Extent,
+    pub arch: Arch,
+    /// Lanes between channels in the arena: the largest block.
+    pub stride: usize,
+    pub values: &'a [Whole<R>],
+    pub tangents: &'a [Whole<R>],
+    pub adjoints: &'a [Whole<R>],
+    pub indices: &'a [std::sync::Arc<[u32]>],
+    /// Nodes whose tangent is not zero.
+    pub moving: &'a [bool],
+    /// Nodes whose adjoint is wanted and not zero.
+    pub live: &'a [bool],
+    /// Nodes whose whole adjoint has been written.
+    pub seeded: &'a [bool],
+    /// Nodes whose value the reverse pass reads.
+    pub replay: &'a [bool],
+}
+
+/// Lanes of a block.
+#[derive(Clone, Copy)]
+pub(super) struct Lanes {
+    /// First lane, counted over the whole domain.
+    pub start: usize,
+    pub len: usize,
+}
+
+/// The arena of one thread.
+pub(super) struct Worker<R> {
+    pub values: Vec<Buffer<R>>,
+    pub tangents: Vec<Buffer<R>>,
+    pub adjoints: Vec<Buffer<R>>,
+    /// Which adjoints of the block have been written.
+    pub written: Vec<bool>,
+    pub scratch: Buffer<R>,
+}
+
+impl<R: Real> Worker<R> {
+    pub fn new() -> Self {
+        Worker {
+            values: Vec::new(),
+            tangents: Vec::new(),
+            adjoints: Vec::new(),
+            written: Vec::new(),
+            scratch: Buffer::zeros(0),
+        }
+    }
+
+    pub fn bytes(&self) -> usize {
+        [&self.values, &self.tangents, &self.adjoints]
+            .into_iter()
+            .flatten()
+            .map(Buffer::bytes)
+            .sum::<usize>()
+            + self.scratch.bytes()
+    }
+}
+
+/// Values, or tangents, as seen from a block: those computed in it, and whole ones.
+pub(super) struct View<'a, R> {
+    pub local: &'a [Buffer<R>],
+    pub whole: &'a [Whole<R>],
+}
+
+impl<R> Clone for View<'_, R> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+impl<R> Copy for View<'_, R> {}
+
+impl<'a, R: Real> Env<'a, R> {
+    /// Elements per lane and channel.
+    #[inline(always)]
+    pub fn axis(&self, id: NodeId) -> usize {
+        self.extent.axis(self.program.nodes[id].shape.axis)
+    }
+
+    #[inline(always)]
+    pub fn channels(&self, id: NodeId) -> usize {
+        self.program.nodes[id].shape.channels
+    }
+
+    #[inline(always)]
+    pub fn slot(&self, id: NodeId) -> usize {
+        self.phase.slot[id] as usize
+    }
+
+    /// Elements between channels of a node in the arena.
+    #[inline(always)]
+    pub fn pitch(&self, id: NodeId) -> usize {
+        self.stride * self.axis(id)
+    }
+
+    /// One channel of an operand on the phase's domain, for the lanes of the block.
+    #[inline(always)]
+    pub fn channel<'v>(
+        &self,
+        view: View<'v, R>,
+        lanes: Lanes,
+        id: NodeId,
+        channel: usize,
+    ) -> &'v [R] {
+        let axis = self.axis(id);
+        let channel = if self.channels(id) == 1 { 0 } else { channel };
+        let slot = self.phase.slot[id];
+        if slot != NONE && (slot as usize) < self.phase.computed {
+            let start = channel * self.stride * axis;
+            &view.local[slot as usize].as_slice()[start..start + lanes.len * axis]
+        } else {
+            let all = self.extent.lanes[self.phase.domain];
+            let start = (channel * all + lanes.start) * axis;
+            &view.whole[id].as_slice()[start..start + lanes.len * axis]
+        }
+    }
+
+    /// Lanes of the domain that a whole value lives on.
+    #[inline(always)]
+    pub fn all_lanes(&self, id: NodeId) -> usize {
+        self.extent.lanes[self.program.nodes[id].shape.domain]
+    }
+}
+
+/// Adds to the adjoint of a local operand: `write(target, add)` for each of its channels.
+#[inline(always)]
+pub(super) fn into_adjoint<R: Real>(
+    env: &Env<R>,
+    worker: &mut Worker<R>,
+    id: NodeId,
+    write: impl FnOnce(&mut [R], bool),
+) {
+    let slot = env.slot(id);
+    let add = worker.written[slot];
+    worker.written[slot] = true;
+    let mut target = take(&mut worker.adjoints[slot]);
+    write(target.as_mut_slice(), add);
+    worker.adjoints[slot] = target;
+}
+
+/// Whether node `id` is computed in this phase and kept in the arena.
+pub(super) fn is_computed<R>(env: &Env<R>, id: NodeId) -> bool {
+    (env.phase.slot[id] as usize) < env.phase.computed && env.phase.slot[id] != NONE
+}
+
+/// Copies stored values of a block to the chunk.
+pub(super) fn store<R: Real>(
+    env: &Env<R>,
+    span: &Span,
+    lanes: Lanes,
+    local: &[Buffer<R>],
+    targets: &mut [Buffer<R>],
+    wanted: impl Fn(NodeId) -> bool,
+) {
+    for (&id, target) in env.phase.stores.iter().zip(targets) {
+        if !wanted(id) {
+            continue;
+        }
+        let axis = env.axis(id);
+        let source = local[env.slot(id)].as_slice();
+        for c in 0..env.channels(id) {
+            let from = c * env.pitch(id);
+            let to = (c * span.lanes.len() + lanes.start - span.lanes.start) * axis;
+            target.as_mut_slice()[to..to + lanes.len * axis]
+                .copy_from_slice(&source[from..from + lanes.len * axis]);
+        }
+    }
+}
+
+/// The blocks of a chunk.
+pub(super) fn blocks<R>(chunk: &Chunk<R>, stride: usize) -> impl Iterator<Item = Lanes> + use<R> {
+    let range = chunk.span.lanes.clone();
+    range.clone().step_by(stride).map(move |start| Lanes {
+        start,
+        len: stride.min(range.end - start),
+    })
+}
+
+/// Whether a value is filled once for all blocks of a chunk.
+pub(super) fn is_constant(op: &Op) -> bool {
+    matches!(op, Op::Splat)
+}

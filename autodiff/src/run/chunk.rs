@@ -1,0 +1,152 @@
+//! Chunks: the fixed division of a phase's lanes that work is shared by.
+
+use std::ops::Range;
+
+use super::rows::PARTIALS;
+use super::sizes::Extent;
+use crate::buffer::Buffer;
+use crate::graph::{NodeId, Op};
+use crate::program::{Phase, Program, PullKind};
+use crate::real::Real;
+
+/// Elements below which a chunk is not worth sharing.
+const SMALLEST: usize = 4096;
+/// Chunks of a phase that scatters into tables: each holds a private copy of the tables' adjoints.
+const SCATTERING: usize = 16;
+/// Chunks of other phases.
+const PLAIN: usize = 64;
+
+/// The lanes of one chunk. Boundaries depend on the sizes alone, and never cut a segment.
+#[derive(Clone, Debug)]
+pub(super) struct Span {
+    pub lanes: Range<usize>,
+    pub parents: Range<usize>,
+}
+
+/// Divides the lanes of a phase.
+pub(super) fn spans(program: &Program, extent: &Extent, phase: &Phase) -> Vec<Span> {
+    let lanes = extent.lanes[phase.domain];
+    let scatters = phase.pulls.iter().any(|pull| pull.kind == PullKind::Table);
+    let most = if scatters { SCATTERING } else { PLAIN };
+    let work = lanes.saturating_mul(widest(program, extent, phase));
+    let count = (work / SMALLEST).clamp(1, most);
+    let mut spans = Vec::with_capacity(count);
+    let mut start = Span {
+        lanes: 0..0,
+        parents: 0..0,
+    };
+    let parents = program.domains[phase.domain]
+        .parent
+        .map_or(0, |parent| extent.lanes[parent]);
+    for i in 1..=count {
+        let target = (lanes as u128 * i as u128 / count as u128) as usize;
+        let (lane, parent) = match &extent.segments[phase.domain] {
+            _ if i == count => (lanes, parents),
+            None => (target, 0),
+            Some(segments) if target < lanes => {
+                let parent = segments.parent(target);
+                (segments.bounds(parent).0, parent)
+            }
+            Some(_) => (lanes, parents),
+        };
+        let span = Span {
+            lanes: start.lanes.end..lane,
+            parents: start.parents.end..parent,
+        };
+        start = span.clone();
+        spans.push(span);
+    }
+    spans
+}
+
+/// Longest inner axis in a phase.
+pub(super) fn widest(program: &Program, extent: &Extent, phase: &Phase) -> usize {
+    let axis = |id: &NodeId| extent.axis(program.nodes[*id].shape.axis);
+    let widest = phase.locals.iter().map(axis).max();
+    widest.unwrap_or(1).max(1)
+}
+
+/// Private results of one chunk, gathered into whole arrays after the phase.
+#[derive(Debug)]
+pub(super) struct Chunk<R> {
+    pub span: Span,
+    pub store: Vec<Buffer<R>>,
+    pub store_tangent: Vec<Buffer<R>>,
+    pub sink: Vec<Buffer<R>>,
+    pub sink_tangent: Vec<Buffer<R>>,
+    pub pull: Vec<Buffer<R>>,
+}
+
+impl<R: Real> Chunk<R> {
+    pub fn new(span: Span) -> Self {
+        Chunk {
+            span,
+            store: Vec::new(),
+            store_tangent: Vec::new(),
+            sink: Vec::new(),
+            sink_tangent: Vec::new(),
+            pull: Vec::new(),
+        }
+    }
+
+    pub fn bytes(&self) -> usize {
+        let buffers = [
+            &self.store,
+            &self.store_tangent,
+            &self.sink,
+            &self.sink_tangent,
+            &self.pull,
+        ];
+        buffers.into_iter().flatten().map(Buffer::bytes).sum()
+    }
+}
+
+/// Elements that a chunk keeps of a stored node.
+pub(super) fn store_len(program: &Program, extent: &Extent, span: &Span, id: NodeId) -> usize {
+    let shape = program.nodes[id].shape;
+    shape.channels * span.lanes.len() * extent.axis(shape.axis)
+}
+
+/// Elements that a chunk keeps of a sink: its parents' totals, and the open partial sums.
+pub(super) fn sink_len(program: &Program, extent: &Extent, span: &Span, id: NodeId) -> usize {
+    let node = &program.nodes[id];
+    let (channels, axis) = (node.shape.channels, extent.axis(node.shape.axis));
+    let partial = channels * if axis == 1 { PARTIALS } else { 0 };
+    match node.op {
+        Op::SumLanes if axis == 1 => partial,
+        Op::SumLanes => channels * axis,
+        _ => channels * span.parents.len() * axis + partial,
+    }
+}
+
+/// Elements that a chunk keeps of an adjoint.
+pub(super) fn pull_len(
+    program: &Program,
+    extent: &Extent,
+    span: &Span,
+    target: NodeId,
+    kind: PullKind,
+) -> usize {
+    let shape = program.nodes[target].shape;
+    let (channels, axis) = (shape.channels, extent.axis(shape.axis));
+    let partial = channels * if axis == 1 { PARTIALS } else { 0 };
+    match kind {
+        PullKind::Lanes => channels * span.lanes.len() * axis,
+        PullKind::Parents => channels * span.parents.len() * axis + partial,
+        PullKind::Table => channels * extent.lanes[shape.domain] * axis,
+        PullKind::Uniform if axis == 1 => partial,
+        PullKind::Uniform => channels * axis,
+        PullKind::Weight => channels,
+    }
+}
+
+/// Makes `buffers` hold one array of each length.
+pub(super) fn ensure<R: Real>(
+    buffers: &mut Vec<Buffer<R>>,
+    lengths: impl ExactSizeIterator<Item = usize>,
+) {
+    buffers.resize_with(lengths.len(), || Buffer::zeros(0));
+    for (buffer, len) in buffers.iter_mut().zip(lengths) {
+        buffer.ensure(len);
+    }
+}

@@ -1,0 +1,108 @@
+//! Vector loops on contiguous rows, and sums whose order does not depend on how lanes are cut into blocks.
+
+use pulp::Arch;
+
+use crate::op::kernel::{Kernel, dispatch};
+use crate::real::{Fma, Real};
+
+/// Partial sums that a long sum of single elements is spread over, so that it vectorises. Element `i` of the sum goes to
+/// partial sum `i % PARTIALS`, whatever block it comes in.
+pub(super) const PARTIALS: usize = 16;
+
+/// `target = source`, or `+=` when `add`.
+pub(super) fn put<R: Real>(arch: Arch, target: &mut [R], source: &[R], add: bool) {
+    if add {
+        dispatch(arch, AddRow { target, source });
+    } else {
+        target.copy_from_slice(source);
+    }
+}
+
+struct AddRow<'a, R> {
+    target: &'a mut [R],
+    source: &'a [R],
+}
+
+impl<R: Real> Kernel for AddRow<'_, R> {
+    #[inline(always)]
+    fn run<F: Fma>(self) {
+        for (t, s) in self.target.iter_mut().zip(self.source) {
+            *t = *t + *s;
+        }
+    }
+}
+
+/// `target = value` everywhere, or `+=` when `add`.
+#[inline(always)]
+pub(super) fn put_value<R: Real>(target: &mut [R], value: R, add: bool) {
+    if add {
+        for t in target {
+            *t = *t + value;
+        }
+    } else {
+        target.fill(value);
+    }
+}
+
+/// Adds elements `phase, phase + 1, ..` of a long sum to its partial sums.
+pub(super) fn add_partials<R: Real>(arch: Arch, partial: &mut [R], phase: usize, source: &[R]) {
+    dispatch(
+        arch,
+        AddPartials {
+            partial,
+            phase,
+            source,
+        },
+    );
+}
+
+struct AddPartials<'a, R> {
+    partial: &'a mut [R],
+    phase: usize,
+    source: &'a [R],
+}
+
+impl<R: Real> Kernel for AddPartials<'_, R> {
+    #[inline(always)]
+    fn run<F: Fma>(self) {
+        let mut sums = [R::default(); PARTIALS];
+        sums.copy_from_slice(&self.partial[..PARTIALS]);
+        let first = self.phase % PARTIALS;
+        let head = ((PARTIALS - first) % PARTIALS).min(self.source.len());
+        let (start, rest) = self.source.split_at(head);
+        for (i, x) in start.iter().enumerate() {
+            sums[first + i] = sums[first + i] + *x;
+        }
+        let mut whole = rest.chunks_exact(PARTIALS);
+        for chunk in whole.by_ref() {
+            for i in 0..PARTIALS {
+                sums[i] = sums[i] + chunk[i];
+            }
+        }
+        for (i, x) in whole.remainder().iter().enumerate() {
+            sums[i] = sums[i] + *x;
+        }
+        self.partial[..PARTIALS].copy_from_slice(&sums);
+    }
+}
+
+/// The total of partial sums, pairwise.
+pub(super) fn total<R: Real>(partial: &[R]) -> R {
+    let mut sums = [R::default(); PARTIALS];
+    sums.copy_from_slice(&partial[..PARTIALS]);
+    let mut width = PARTIALS / 2;
+    while width > 0 {
+        for i in 0..width {
+            sums[i] = sums[i] + sums[i + width];
+        }
+        width /= 2;
+    }
+    sums[0]
+}
+
+/// Sum of a whole row, in a fixed order.
+pub(super) fn sum_row<R: Real>(arch: Arch, row: &[R]) -> R {
+    let mut partial = [R::default(); PARTIALS];
+    add_partials(arch, &mut partial, 0, row);
+    total(&partial)
+}
