@@ -1,5 +1,7 @@
 //! Reading files that a stranger may have made.
 
+pub mod atomic;
+
 use std::{
     fs::{self, File},
     io::{self, Read},

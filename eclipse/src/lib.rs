@@ -7,6 +7,7 @@ pub mod control;
 pub mod evaluate;
 pub mod files;
 pub mod image_io;
+pub mod layout;
 pub mod mesh_io;
 pub mod output;
 pub mod progress;

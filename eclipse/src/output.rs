@@ -1,6 +1,5 @@
 //! A reconstruction on disk: which file holds what, each whole or not at all.
 
-pub mod atomic;
 mod mesh;
 
 use std::{
@@ -14,32 +13,16 @@ use serde::Serialize;
 
 use crate::{
     capture::Capture,
+    files::atomic,
     image_io::{ExrOptions, ImageIoError, Precision, write_exr_with},
+    layout::{
+        CONVENTION, ENVIRONMENT, MATERIAL_CHANNELS, MATERIALS, MESH, METRICS, OCCLUDERS, RENDERS,
+        REPORT, SETTINGS, numbered,
+    },
     mesh_io::MeshIoError,
     reconstruction::Reconstruction,
     report::{self, ReportOptions},
 };
-
-/// The environment map.
-pub const ENVIRONMENT: &str = "environment.exr";
-/// The folder of the occluders' masks, one image a frame.
-pub const OCCLUDERS: &str = "occluders";
-/// The folder of material images, one a camera.
-pub const MATERIALS: &str = "materials";
-/// The folder of rendered photographs.
-pub const RENDERS: &str = "renders";
-/// Numbers of the run.
-pub const METRICS: &str = "metrics.json";
-/// Options of the run.
-pub const SETTINGS: &str = "settings.json";
-/// The page to look at.
-pub const REPORT: &str = "report.html";
-/// The object with baked materials.
-pub const MESH: &str = "mesh.glb";
-/// Channels of a material image, in the order of [`Reconstruction::materials`].
-pub const MATERIAL_CHANNELS: [&str; 5] = ["R", "G", "B", "alpha", "kappa"];
-/// The text attribute of a map that names its [`Convention`].
-pub const CONVENTION: &str = "eclipse.convention";
 
 /// Writes everything a run leaves to `folder`; the report comes last, so that it is there when all else is.
 ///
@@ -107,11 +90,6 @@ pub fn prepare(folder: &Path) -> Result<(), OutputError> {
     fs::create_dir_all(folder).map_err(failed)?;
     atomic::stage(&folder.join(SETTINGS), |_| Ok(())).map_err(failed)?;
     Ok(())
-}
-
-/// The name of the image of frame `index`.
-pub fn numbered(index: usize) -> String {
-    format!("{index:03}.exr")
 }
 
 fn write_numbered(

@@ -5,7 +5,7 @@ use std::{fs, io, path::Path};
 use render::image::Image;
 
 use super::{Checkpoint, CheckpointError, codec};
-use crate::{capture::Capture, output::atomic};
+use crate::{capture::Capture, files::atomic};
 
 const LATEST: &str = "checkpoint.bin";
 const PREVIOUS: &str = "checkpoint.prev.bin";

@@ -14,7 +14,7 @@ use super::{
 };
 use crate::{
     image_io::{read_exr, read_exr_file, read_image},
-    output,
+    layout,
 };
 
 /// Coverage from which a pixel counts as the object's: half floats round 1 no further than this.
@@ -22,21 +22,21 @@ const COVERED: f32 = 0.999;
 
 /// Reads a run's outputs; only the environment must be there.
 pub(super) fn estimate(folder: &Path) -> Result<Estimate, EvaluateError> {
-    let environment = colour(&folder.join(output::ENVIRONMENT))?;
+    let environment = colour(&folder.join(layout::ENVIRONMENT))?;
     let mut materials = Vec::new();
-    for path in images(&folder.join(output::MATERIALS), "")? {
+    for path in images(&folder.join(layout::MATERIALS), "")? {
         let file = read_exr_file(&path)?;
         materials.push(
-            file.select(&output::MATERIAL_CHANNELS)
+            file.select(&layout::MATERIAL_CHANNELS)
                 .unwrap_or(file.image),
         );
     }
-    let masks = images(&folder.join(output::OCCLUDERS), "")?;
+    let masks = images(&folder.join(layout::OCCLUDERS), "")?;
     let occluders = masks
         .iter()
         .map(|path| read_exr(path))
         .collect::<Result<_, _>>()?;
-    let metrics = json(&folder.join(output::METRICS))?.unwrap_or_default();
+    let metrics = json(&folder.join(layout::METRICS))?.unwrap_or_default();
     Ok(Estimate {
         environment,
         occluders,

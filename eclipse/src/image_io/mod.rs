@@ -13,7 +13,7 @@ use std::{
 
 use render::image::Image;
 
-use crate::{files::read_limited, output::atomic};
+use crate::files::{atomic, read_limited};
 
 pub use color::{ColorEncoding, linear_to_srgb, srgb_to_linear};
 pub use openexr::{ExrFile, ExrOptions, Precision, decode_exr, encode_exr};

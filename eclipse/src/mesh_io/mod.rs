@@ -17,7 +17,7 @@ use std::{
 
 use render::mesh::Mesh;
 
-use crate::{files::read_limited, output::atomic};
+use crate::files::{atomic, read_limited};
 
 pub use gltf_in::{parse_glb, parse_gltf};
 pub use gltf_out::{GlbSurface, GlbTextures, encode_glb};

@@ -1,0 +1,27 @@
+//! Which file of a run's folder holds what.
+
+/// The environment map.
+pub const ENVIRONMENT: &str = "environment.exr";
+/// The folder of the occluders' masks, one image a frame.
+pub const OCCLUDERS: &str = "occluders";
+/// The folder of material images, one a camera.
+pub const MATERIALS: &str = "materials";
+/// The folder of rendered photographs.
+pub const RENDERS: &str = "renders";
+/// Numbers of the run.
+pub const METRICS: &str = "metrics.json";
+/// Options of the run.
+pub const SETTINGS: &str = "settings.json";
+/// The page to look at.
+pub const REPORT: &str = "report.html";
+/// The object with baked materials.
+pub const MESH: &str = "mesh.glb";
+/// Channels of a material image, in the order of [`crate::reconstruction::Reconstruction::materials`].
+pub const MATERIAL_CHANNELS: [&str; 5] = ["R", "G", "B", "alpha", "kappa"];
+/// The text attribute of a map that names its [`render::convention::Convention`].
+pub const CONVENTION: &str = "eclipse.convention";
+
+/// The name of the image of frame `index`.
+pub fn numbered(index: usize) -> String {
+    format!("{index:03}.exr")
+}
