@@ -31,7 +31,26 @@ pub fn parse_gltf(
     load: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>,
 ) -> Result<Mesh, MeshParseError> {
     let (json, blob) = split_glb(bytes)?;
-    let root = Root::from_slice(json).map_err(|error| syntax(format!("its JSON: {error}")))?;
+    let mut root = Root::from_slice(json).map_err(|error| syntax(format!("its JSON: {error}")))?;
+    // What only concerns looks can be done without.
+    root.extensions_required.retain(|name| {
+        ![
+            "KHR_materials_",
+            "KHR_texture_",
+            "KHR_lights_",
+            "EXT_texture_",
+        ]
+        .iter()
+        .any(|prefix| name.starts_with(prefix))
+    });
+    // The library's validation indexes these unchecked.
+    let primitives = root.meshes.iter().flat_map(|mesh| &mesh.primitives);
+    let mut accessors = primitives.flat_map(|primitive| primitive.attributes.values());
+    if let Some(index) = accessors.find(|index| index.value() >= root.accessors.len()) {
+        return Err(syntax(format!(
+            "a mesh names accessor {index}, which does not exist"
+        )));
+    }
     let document = Document::from_json(root).map_err(|error| syntax(error.to_string()))?;
     let buffers = document
         .buffers()
@@ -93,7 +112,7 @@ fn split_glb(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), MeshParseError> {
         )));
     }
     let (mut json, mut blob) = (None, None);
-    let mut rest = &body[8..];
+    let mut rest = body.get(8..).unwrap_or_default();
     while let (Some(length), Some(kind)) = (word(rest, 0), word(rest, 4)) {
         let Some(chunk) = rest.get(8..8 + length as usize) else {
             return Err(syntax("a chunk of it ends early".into()));

@@ -103,6 +103,12 @@ pub fn encode_glb(mesh: &Mesh, surface: &GlbSurface) -> Result<Vec<u8>, String> 
         Some(textures) => textured(&mut glb, &textures)?,
         None => uniform(surface),
     };
+    // All lengths of the format are 32 bits wide; the JSON needs far less than a mebibyte.
+    if glb.blob.len() > u32::MAX as usize - (1 << 20) {
+        return Err(
+            "it takes more than the 4 GiB that binary glTF can hold: simplify the mesh".into(),
+        );
+    }
     Ok(glb.finish(
         &json!({ "attributes": attributes, "indices": indices, "material": 0 }),
         &material,

@@ -43,6 +43,11 @@ pub fn parse_obj(bytes: &[u8]) -> Result<Mesh, MeshParseError> {
             _ => {}
         }
     }
+    if obj.raw.faces.is_empty() {
+        // Only vertices of faces become vertices of the mesh: those of the file say more.
+        let vertices = obj.positions.len();
+        return Err(MeshParseError::NoFaces { vertices });
+    }
     obj.raw.finish()
 }
 
