@@ -1,5 +1,6 @@
 //! Differentiable rendering of one object of known shape under distant light and unseen occluders.
 
+pub mod bsdf;
 pub mod bvh;
 pub mod camera;
 pub mod convention;
@@ -11,6 +12,7 @@ pub mod math;
 pub mod mesh;
 pub mod occluder;
 pub mod pyramid;
+pub mod reference;
 pub mod sampler;
 pub mod transport;
 pub mod warp;
