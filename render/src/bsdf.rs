@@ -61,7 +61,12 @@ impl Cosines<f32> {
 
 /// The factor of ρ/π and the specular reflectance (1/sr) of the GGX model: f = ρ/π · factor + specular.
 pub fn microfacet<T: Float>(cosines: Cosines<T>, alpha: T, kappa: T) -> (T, T) {
-    let Cosines { incident, outgoing, half, difference } = cosines;
+    let Cosines {
+        incident,
+        outgoing,
+        half,
+        difference,
+    } = cosines;
     let fresnel = fresnel(difference, kappa);
     let factor = (T::ONE - self::fresnel(incident, kappa)) * (T::ONE - fresnel);
     // D, with sin² + α² cos² for the printed 1 + (α² − 1) cos².
@@ -85,7 +90,13 @@ pub fn fresnel<T: Float>(cos: T, kappa: T) -> T {
 
 impl Model {
     /// The reflectance f (1/sr), RGB, for unit vectors in the world; zero unless both directions are above the surface.
-    pub fn evaluate(self, material: &Material, normal: Vec3, incident: Vec3, outgoing: Vec3) -> [f32; 3] {
+    pub fn evaluate(
+        self,
+        material: &Material,
+        normal: Vec3,
+        incident: Vec3,
+        outgoing: Vec3,
+    ) -> [f32; 3] {
         let diffuse = material.albedo.map(|rho| rho * std::f32::consts::FRAC_1_PI);
         match self {
             Self::Lambertian if normal.dot(incident) > 0.0 => diffuse,
@@ -122,7 +133,12 @@ impl MaterialSampler {
         let frame = Frame::new(normal);
         let local = frame.to_local(outgoing);
         let specular = model == Model::Microfacet && local.z > 1e-4;
-        Self { frame, outgoing: local, alpha, cosine_share: if specular { COSINE_SHARE } else { 1.0 } }
+        Self {
+            frame,
+            outgoing: local,
+            alpha,
+            cosine_share: if specular { COSINE_SHARE } else { 1.0 },
+        }
     }
 
     /// A direction at `u` of [0, 1)², its lobe chosen by `stream`; it may fall below the surface, where f is zero.
@@ -164,12 +180,17 @@ mod tests {
     #[test]
     fn values_match_the_printed_formula() {
         // S1–S7 without the extra cosine, written out once more in double precision and without cancellation.
-        let (i, o, h, d, alpha, kappa) = (0.7_f64, 0.4, 0.9, 0.75, 0.6, 0.04);
+        let (i, o, h, d, alpha, kappa) = (0.7_f64, 0.4_f64, 0.9_f64, 0.75_f64, 0.6_f64, 0.04_f64);
         let f = |c: f64| kappa + (1.0 - kappa) * (1.0 - c).powi(5);
         let dist = alpha * alpha / (PI * (1.0 + (alpha * alpha - 1.0) * h * h).powi(2));
         let k = (alpha + 1.0).powi(2) / 8.0;
         let g = |c: f64| c / (k + (1.0 - k) * c);
-        let cosines = Cosines { incident: i, outgoing: o, half: h, difference: d };
+        let cosines = Cosines {
+            incident: i,
+            outgoing: o,
+            half: h,
+            difference: d,
+        };
         let (factor, specular) = microfacet(cosines, alpha, kappa);
         assert!((factor - (1.0 - f(i)) * (1.0 - f(d))).abs() < 1e-12);
         assert!((specular - dist * f(d) * g(i) * g(o) / (4.0 * i * o)).abs() < 1e-12);

@@ -172,20 +172,30 @@ impl LightDistribution {
 
     /// The direction at `u` of [0, 1)², and its density per solid angle (1/sr).
     pub fn sample(&self, u: [f32; 2]) -> (Vec3, f32) {
+        let (direction, _, density) = self.sample_at(u);
+        (direction, density)
+    }
+
+    /// [`sample`](Self::sample) with the grid coordinates (u, v) of the direction in between.
+    pub fn sample_at(&self, u: [f32; 2]) -> (Vec3, [f32; 2], f32) {
         let (row, v) = invert(&self.rows, u[1]);
         let conditional = &self.columns[row * self.grid.columns..][..self.grid.columns];
         let (column, within) = invert(conditional, u[0]);
         let v = (row as f32 + v) / self.grid.rows as f32;
-        let direction = LatLong::direction((column as f32 + within) / self.grid.columns as f32, v);
-        (
-            direction,
-            self.texel_density(row * self.grid.columns + column, direction),
-        )
+        let u = (column as f32 + within) / self.grid.columns as f32;
+        let direction = LatLong::direction(u, v);
+        let density = self.texel_density(row * self.grid.columns + column, direction);
+        (direction, [u, v], density)
     }
 
     /// The density per solid angle (1/sr) of drawing a unit direction.
     pub fn density(&self, direction: Vec3) -> f32 {
-        self.texel_density(self.grid.nearest(direction), direction)
+        self.density_at(direction, LatLong::coordinates(direction))
+    }
+
+    /// [`density`](Self::density) of a direction whose grid coordinates are known.
+    pub fn density_at(&self, direction: Vec3, [u, v]: [f32; 2]) -> f32 {
+        self.texel_density(self.grid.texel_at(u, v), direction)
     }
 
     /// The probability of each texel.

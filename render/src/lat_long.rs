@@ -96,6 +96,12 @@ impl LatLong {
     /// The texel that a direction falls in.
     pub fn nearest(&self, direction: Vec3) -> usize {
         let [u, v] = Self::coordinates(direction);
+        self.texel_at(u, v)
+    }
+
+    /// The texel that holds (u, v) of [0, 1]².
+    #[inline]
+    pub fn texel_at(&self, u: f32, v: f32) -> usize {
         let column = ((u * self.columns as f32) as usize) % self.columns;
         let row = ((v * self.rows as f32) as usize).min(self.rows - 1);
         row * self.columns + column

@@ -40,17 +40,42 @@ pub struct Mask<'a> {
 impl<'a> Reference<'a> {
     /// A renderer with `side`² rays a pixel (4 gives 16-fold antialiasing).
     pub fn new(bvh: &'a Bvh, environment: &EnvironmentMap, model: Model, side: usize) -> Self {
-        let grid = environment.grid();
+        Self::with_radiance(
+            bvh,
+            environment.grid(),
+            |d| environment.radiance(d),
+            model,
+            side,
+        )
+    }
+
+    /// A renderer under any distant light: `radiance` of unit directions, integrated on `grid`.
+    pub fn with_radiance(
+        bvh: &'a Bvh,
+        grid: LatLong,
+        radiance: impl Fn(Vec3) -> [f32; 3],
+        model: Model,
+        side: usize,
+    ) -> Self {
         let quadrature = Quadrature::new(grid, side);
         let rays = quadrature.rays();
         let light = (0..grid.len() * rays)
             .map(|i| {
                 let solid_angle = quadrature.solid_angle(i / rays, i % rays);
-                environment.radiance(quadrature.direction(i / rays, i % rays)).map(|l| l * solid_angle)
+                radiance(quadrature.direction(i / rays, i % rays)).map(|l| l * solid_angle)
             })
             .collect();
-        let rotation = (0..grid.len()).map(|t| (t.wrapping_mul(2_654_435_761) >> 7 & 0xff) as u8).collect();
-        Self { bvh, model, quadrature, side, light, rotation }
+        let rotation = (0..grid.len())
+            .map(|t| (t.wrapping_mul(2_654_435_761) >> 7 & 0xff) as u8)
+            .collect();
+        Self {
+            bvh,
+            model,
+            quadrature,
+            side,
+            light,
+            rotation,
+        }
     }
 
     /// A frame: RGB and the share of the pixel that the object covers. Rays that miss the object count as black.
@@ -61,10 +86,14 @@ impl<'a> Reference<'a> {
         material: impl Fn(&SurfacePoint) -> Material + Sync,
     ) -> Image {
         let mut image = Image::filled(camera.width, camera.height, 4, 0.0);
-        image.data.par_chunks_exact_mut(4).enumerate().for_each(|(p, out)| {
-            let pixel = [p % camera.width, p / camera.width];
-            out.copy_from_slice(&self.pixel(camera, pixel, mask, &material));
-        });
+        image
+            .data
+            .par_chunks_exact_mut(4)
+            .enumerate()
+            .for_each(|(p, out)| {
+                let pixel = [p % camera.width, p / camera.width];
+                out.copy_from_slice(&self.pixel(camera, pixel, mask, &material));
+            });
         image
     }
 
@@ -112,7 +141,9 @@ impl<'a> Reference<'a> {
                 let grid = LatLong::new(m.transmittance.height, m.transmittance.width);
                 mask_lookup(grid, point.position, direction, m.radius).gather(&m.transmittance.data)
             });
-            let f = self.model.evaluate(material, point.normal, direction, outgoing);
+            let f = self
+                .model
+                .evaluate(material, point.normal, direction, outgoing);
             let light = self.light[texel * rays + ray];
             for c in 0..3 {
                 // A texel sends one of its rays, which stands for them all.

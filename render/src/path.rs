@@ -1,0 +1,303 @@
+//! Sampled paths as plain numbers.
+//!
+//! A path is camera → surface → light. Directions, densities, lobe choices and visibility are chosen here and carry no
+//! gradient (Zeltner et al. 2021): the tape sees only what this batch holds, and re-evaluates the integrand at these fixed
+//! directions. Samples that cannot contribute (hidden, below the surface) are dropped, so a point has a varying number.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use crate::bsdf::{Cosines, Material, MaterialSampler, Model, microfacet, power_heuristic};
+use crate::bvh::{Bvh, SurfacePoint};
+use crate::environment::LightDistribution;
+use crate::lat_long::{Bilinear, LatLong};
+use crate::occluder::mask_lookup;
+use crate::sampler::{SampleKey, Stratified, Stream};
+use crate::visibility::Visibility;
+
+/// A surface point to be shaded: where a camera ray met the object.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ShadingPoint {
+    /// The surface.
+    pub surface: SurfacePoint,
+    /// Unit direction towards the camera.
+    pub outgoing: Vec3,
+    /// Frame, whose occluder shades it.
+    pub frame: u32,
+    /// Pixel of the frame: with the frame it keys the random numbers.
+    pub pixel: u32,
+    /// Its number in the visibility cache, if one is used.
+    pub cached: u32,
+    /// Present roughness, which material samples follow.
+    pub alpha: f32,
+}
+
+/// All that paths are drawn from.
+#[derive(Clone, Copy)]
+pub struct PathScene<'a> {
+    /// The object.
+    pub bvh: &'a Bvh,
+    /// How its own shadows are found.
+    pub visibility: Visibility<'a>,
+    /// Which reflectance it has.
+    pub model: Model,
+    /// Present brightness of the environment, on its grid.
+    pub lights: &'a LightDistribution,
+    /// Grid of the environment's table.
+    pub environment_grid: LatLong,
+    /// Grid of every mask.
+    pub mask_grid: LatLong,
+    /// Shell radius of each frame.
+    pub radii: &'a [f32],
+}
+
+/// How many samples are drawn, and which.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PathSettings {
+    /// Samples a point drawn from the light.
+    pub light_samples: usize,
+    /// Samples a point drawn from the material.
+    pub material_samples: usize,
+    /// The run's seed.
+    pub seed: u64,
+    /// Iteration: new numbers every time.
+    pub iteration: u32,
+    /// Which of several independent renders of the same pixels this is. The two renders of Eq. 9 must differ here.
+    pub render: u32,
+}
+
+/// Samples of many points, a value an array, samples of a point adjoining.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PathBatch {
+    /// Samples of point p are `offsets[p]..offsets[p + 1]`.
+    pub offsets: Vec<u32>,
+    /// n·ωo of each point.
+    pub outgoing: Vec<f32>,
+    /// n·ωi of each sample.
+    pub incident: Vec<f32>,
+    /// n·h.
+    pub half: Vec<f32>,
+    /// h·ωi.
+    pub difference: Vec<f32>,
+    /// Multiple-importance weight over (sample count × density): a point's radiance is Σ weight · L · M · f · n·ωi.
+    pub weight: Vec<f32>,
+    /// Corners of the environment's texels.
+    pub light: Corners,
+    /// Corners of the masks' texels, as texel × frames + frame.
+    pub mask: Corners,
+}
+
+/// Four texels and bilinear weights a sample, a corner an array.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Corners {
+    /// Table indices.
+    pub index: [Vec<u32>; 4],
+    /// Weights.
+    pub weight: [Vec<f32>; 4],
+}
+
+/// Points are sampled in parallel in runs of this many; results do not depend on it.
+const RUN: usize = 128;
+
+impl PathBatch {
+    /// Draws the samples of all points.
+    pub fn sample(scene: &PathScene, points: &[ShadingPoint], settings: &PathSettings) -> Self {
+        let runs: Vec<Self> = points
+            .par_chunks(RUN)
+            .map(|run| {
+                let mut batch = Self {
+                    offsets: vec![0],
+                    ..Self::default()
+                };
+                run.iter()
+                    .for_each(|point| batch.sample_point(scene, point, settings));
+                batch
+            })
+            .collect();
+        let mut all = Self {
+            offsets: vec![0],
+            ..Self::default()
+        };
+        runs.iter().for_each(|run| all.append(run));
+        all
+    }
+
+    /// The number of points.
+    pub fn points(&self) -> usize {
+        self.outgoing.len()
+    }
+
+    /// The number of samples.
+    pub fn samples(&self) -> usize {
+        self.weight.len()
+    }
+
+    /// Radiance of point `p` in plain numbers, f64: what the tape's evaluation is checked against.
+    ///
+    /// `environment` is `[texel][RGB]`, `masks` is `[texel][frame]`.
+    pub fn radiance(
+        &self,
+        p: usize,
+        model: Model,
+        material: &Material,
+        environment: &[f32],
+        masks: &[f32],
+    ) -> [f64; 3] {
+        let mut sum = [0.0; 3];
+        for s in self.offsets[p] as usize..self.offsets[p + 1] as usize {
+            let (factor, specular) = match model {
+                Model::Lambertian => (1.0, 0.0),
+                Model::Microfacet => {
+                    let cosines = Cosines {
+                        incident: f64::from(self.incident[s]),
+                        outgoing: f64::from(self.outgoing[p]),
+                        half: f64::from(self.half[s]),
+                        difference: f64::from(self.difference[s]),
+                    };
+                    microfacet(
+                        cosines,
+                        f64::from(material.alpha),
+                        f64::from(material.kappa),
+                    )
+                }
+            };
+            let passed = self.mask.gather(s, |i| f64::from(masks[i]));
+            for c in 0..3 {
+                let light = self.light.gather(s, |i| f64::from(environment[3 * i + c]));
+                let f = f64::from(material.albedo[c]) / std::f64::consts::PI * factor + specular;
+                sum[c] +=
+                    f64::from(self.weight[s]) * light * passed * f * f64::from(self.incident[s]);
+            }
+        }
+        sum
+    }
+
+    fn sample_point(&mut self, scene: &PathScene, point: &ShadingPoint, settings: &PathSettings) {
+        let surface = &point.surface;
+        self.outgoing.push(surface.normal.dot(point.outgoing));
+        let sampler =
+            MaterialSampler::new(scene.model, point.alpha, surface.normal, point.outgoing);
+        let (lights, materials) = (
+            settings.light_samples as f32,
+            settings.material_samples as f32,
+        );
+        let set = Stratified::new(settings.light_samples);
+        let mut stream = stream(point, settings, 0);
+        for i in 0..settings.light_samples {
+            let (direction, uv, density) =
+                scene.lights.sample_at(set.point(i, stream.uniform_2d()));
+            let other = if settings.material_samples > 0 {
+                sampler.density(direction)
+            } else {
+                0.0
+            };
+            let weight = power_heuristic(lights, density, materials, other) / (lights * density);
+            self.push(scene, point, direction, uv, weight);
+        }
+        let set = Stratified::new(settings.material_samples);
+        let mut stream = self::stream(point, settings, 1);
+        for i in 0..settings.material_samples {
+            let direction = sampler.sample(set.point(i, stream.uniform_2d()), &mut stream);
+            let density = sampler.density(direction);
+            if density <= 0.0 || direction.dot(surface.normal) <= 0.0 {
+                continue;
+            }
+            let uv = LatLong::coordinates(direction);
+            let other = if settings.light_samples > 0 {
+                scene.lights.density_at(direction, uv)
+            } else {
+                0.0
+            };
+            let weight = power_heuristic(materials, density, lights, other) / (materials * density);
+            self.push(scene, point, direction, uv, weight);
+        }
+        self.offsets.push(self.weight.len() as u32);
+    }
+
+    /// Adds a sample, unless it carries nothing.
+    #[inline]
+    fn push(
+        &mut self,
+        scene: &PathScene,
+        point: &ShadingPoint,
+        direction: Vec3,
+        uv: [f32; 2],
+        weight: f32,
+    ) {
+        let surface = &point.surface;
+        let incident = surface.normal.dot(direction);
+        let outgoing = surface.normal.dot(point.outgoing);
+        let lit =
+            incident > 0.0 && (outgoing > 0.0 || scene.model == Model::Lambertian) && weight > 0.0;
+        if !lit
+            || !scene
+                .visibility
+                .visible(scene.bvh, surface, point.cached as usize, direction, uv)
+        {
+            return;
+        }
+        let half = (direction + point.outgoing).normalize_or_zero();
+        self.incident.push(incident);
+        self.half.push(surface.normal.dot(half));
+        self.difference.push(half.dot(direction));
+        self.weight.push(weight);
+        self.light
+            .push(&scene.environment_grid.bilinear_at(uv[0], uv[1]), |texel| {
+                texel
+            });
+        let radius = scene.radii[point.frame as usize];
+        let frames = scene.radii.len() as u32;
+        let lookup = mask_lookup(scene.mask_grid, surface.position, direction, radius);
+        self.mask
+            .push(&lookup, |texel| texel * frames + point.frame);
+    }
+
+    fn append(&mut self, other: &Self) {
+        let start = self.weight.len() as u32;
+        self.offsets
+            .extend(other.offsets[1..].iter().map(|o| o + start));
+        self.outgoing.extend_from_slice(&other.outgoing);
+        self.incident.extend_from_slice(&other.incident);
+        self.half.extend_from_slice(&other.half);
+        self.difference.extend_from_slice(&other.difference);
+        self.weight.extend_from_slice(&other.weight);
+        self.light.append(&other.light);
+        self.mask.append(&other.mask);
+    }
+}
+
+impl Corners {
+    /// The interpolated value of sample `s`.
+    pub fn gather(&self, s: usize, table: impl Fn(usize) -> f64) -> f64 {
+        (0..4)
+            .map(|k| f64::from(self.weight[k][s]) * table(self.index[k][s] as usize))
+            .sum()
+    }
+
+    #[inline]
+    fn push(&mut self, lookup: &Bilinear, index: impl Fn(u32) -> u32) {
+        for k in 0..4 {
+            self.index[k].push(index(lookup.index[k]));
+            self.weight[k].push(lookup.weight[k]);
+        }
+    }
+
+    fn append(&mut self, other: &Self) {
+        for k in 0..4 {
+            self.index[k].extend_from_slice(&other.index[k]);
+            self.weight[k].extend_from_slice(&other.weight[k]);
+        }
+    }
+}
+
+/// The random numbers of one strategy at a point.
+fn stream(point: &ShadingPoint, settings: &PathSettings, strategy: u32) -> Stream {
+    SampleKey {
+        seed: settings.seed,
+        frame: point.frame,
+        pixel: point.pixel,
+        sample: settings.iteration,
+        dimension: 2 * settings.render + strategy,
+    }
+    .stream()
+}
