@@ -1,3 +1,5 @@
 //! Helpers shared by the test files.
 
+pub mod scenes;
 pub mod small_capture;
+pub mod statistics;
