@@ -44,9 +44,10 @@ pub fn albedo(
             }
         }
     }
-    let psnr = -10.0 * (sum / count as f64).log10();
+    // A perfect albedo scores 200 dB: JSON has no infinity.
+    let psnr = -10.0 * (sum / count as f64).max(1e-20).log10();
     Ok(AlbedoScore {
-        psnr_aligned: psnr.is_finite().then_some(psnr),
+        psnr_aligned: (count > 0 && sum.is_finite()).then_some(psnr),
     })
 }
 
@@ -175,6 +176,12 @@ mod tests {
         );
         let error = albedo(&[Image::filled(3, 1, 5, 0.0)], &[truth()], [1.0; 3]).unwrap_err();
         assert!(error.to_string().contains("3 × 1 × 5") && error.to_string().contains("2 × 1 × 5"));
+    }
+
+    #[test]
+    fn a_perfect_albedo_has_a_finite_score() {
+        let score = albedo(&[estimate([0.5; 5])], &[truth()], [1.0; 3]).unwrap();
+        assert_eq!(score.psnr_aligned, Some(200.0));
     }
 
     #[test]

@@ -1,0 +1,225 @@
+//! Outputs written, then scored against a truth, as a user would.
+
+use std::{fs, path::Path};
+
+use eclipse::{
+    checkpoint,
+    evaluate::{Evaluation, evaluate},
+    image_io::read_exr_file,
+    layout, output,
+    reconstruction::{Metrics, Reconstruction},
+    report::ReportOptions,
+    settings::Settings,
+};
+use eclipse_tests::perfect;
+use tempfile::TempDir;
+
+fn written(change: impl FnOnce(&mut Reconstruction)) -> TempDir {
+    let capture = perfect::capture();
+    let mut reconstruction = perfect::reconstruction(&capture);
+    change(&mut reconstruction);
+    let folder = tempfile::tempdir().unwrap();
+    let options = ReportOptions::new("eclipse reconstruct tests/captures/potatoes");
+    output::write(folder.path(), &capture, &reconstruction, &options).unwrap();
+    folder
+}
+
+fn score(folder: &Path) -> Evaluation {
+    evaluate(folder, &perfect::bundled().join("truth")).unwrap()
+}
+
+#[test]
+fn the_truth_scores_perfectly() {
+    let folder = written(|_| ());
+    let score = score(folder.path());
+    assert!(score.environment.texels.rmse.unwrap() < 1e-6);
+    assert!(score.environment.solid_angle.relative_rmse_aligned.unwrap() < 1e-6);
+    // Materials are stored as half floats: 11 bits are 70 dB.
+    assert!(score.albedo.psnr_aligned.unwrap() > 65.0);
+    assert!(score.occluders.energy_weighted_error.unwrap() < 1e-6);
+    assert_eq!(score.occluders.iou, Some(1.0));
+    assert_eq!(score.photometric.psnr, Some(41.25));
+    // The bundled capture is Lambertian: its α and κ mean nothing.
+    assert_eq!(score.materials.alpha_rmse, None);
+}
+
+#[test]
+fn the_free_scale_between_light_and_albedo_costs_nothing() {
+    let scale = [2.0f32, 0.5, 1.25];
+    let folder = written(|solved| {
+        let light = solved.environment.data.chunks_exact_mut(3);
+        light.for_each(|texel| (0..3).for_each(|c| texel[c] *= scale[c]));
+        for image in &mut solved.materials {
+            let pixels = image.data.chunks_exact_mut(5);
+            pixels.for_each(|pixel| (0..3).for_each(|c| pixel[c] /= scale[c]));
+        }
+    });
+    let score = score(folder.path());
+    assert!(score.environment.texels.relative_rmse_aligned.unwrap() < 1e-6);
+    assert!(score.environment.texels.rmse.unwrap() > 0.1);
+    assert!(score.albedo.psnr_aligned.unwrap() > 65.0);
+}
+
+#[test]
+fn a_run_without_occluders_scores_one_and_zero() {
+    let folder = written(|solved| solved.occluders.clear());
+    let score = score(folder.path()).occluders;
+    assert!((score.energy_weighted_error.unwrap() - 1.0).abs() < 1e-6);
+    assert_eq!(score.iou, Some(0.0));
+}
+
+#[test]
+fn the_json_has_the_documented_shape() {
+    let folder = written(|_| ());
+    let json = serde_json::to_value(score(folder.path())).unwrap();
+    let keys = |pointer: &str| -> Vec<String> {
+        let object = json
+            .pointer(pointer)
+            .and_then(|value| value.as_object())
+            .unwrap();
+        object.keys().cloned().collect()
+    };
+    assert_eq!(
+        keys(""),
+        [
+            "albedo",
+            "environment",
+            "materials",
+            "occluders",
+            "photometric"
+        ]
+    );
+    let four = [
+        "relative_mse_aligned",
+        "relative_rmse_aligned",
+        "rmse",
+        "rmse_aligned",
+    ];
+    assert_eq!(keys("/environment/solid_angle"), four);
+    assert_eq!(keys("/environment"), [&four[..], &["solid_angle"]].concat());
+    assert_eq!(keys("/albedo"), ["psnr_aligned"]);
+    assert_eq!(keys("/materials"), ["alpha_rmse", "kappa_rmse"]);
+    assert_eq!(keys("/occluders"), ["energy_weighted_error", "iou"]);
+    assert_eq!(keys("/photometric"), ["psnr", "psnr_held_out"]);
+    assert!(json["materials"]["alpha_rmse"].is_null());
+}
+
+#[test]
+fn everything_is_written_and_can_be_read_back() {
+    let folder = written(|_| ());
+    for name in [
+        "environment.exr",
+        "mesh.glb",
+        "materials.bin",
+        "metrics.json",
+        "settings.json",
+        "report.html",
+    ] {
+        assert!(folder.path().join(name).is_file(), "{name}");
+    }
+    for name in ["occluders", "materials", "renders"] {
+        assert_eq!(
+            fs::read_dir(folder.path().join(name)).unwrap().count(),
+            24,
+            "{name}"
+        );
+    }
+    let map = read_exr_file(&folder.path().join(layout::ENVIRONMENT)).unwrap();
+    assert_eq!(map.metadata[layout::CONVENTION], "blender");
+    let materials = read_exr_file(&folder.path().join("materials/000.exr")).unwrap();
+    assert!(materials.select(&layout::MATERIAL_CHANNELS).is_some());
+    let json = |name: &str| fs::read(folder.path().join(name)).unwrap();
+    let settings: Settings = serde_json::from_slice(&json(layout::SETTINGS)).unwrap();
+    assert_eq!(
+        settings,
+        Settings {
+            lambertian: true,
+            threads: 2,
+            ..Settings::default()
+        }
+    );
+    let metrics: Metrics = serde_json::from_slice(&json(layout::METRICS)).unwrap();
+    assert_eq!(metrics.photometric.psnr, Some(41.25));
+}
+
+#[test]
+fn the_written_mesh_is_where_the_captures_mesh_is() {
+    let folder = written(|_| ());
+    let read = |path: &Path| eclipse::mesh_io::read_mesh(path).unwrap();
+    let (ours, theirs) = (
+        read(&folder.path().join(layout::MESH)),
+        read(&perfect::bundled().join("mesh.glb")),
+    );
+    assert_eq!(ours.faces.len(), theirs.faces.len());
+    let pairs = ours.bounds().into_iter().zip(theirs.bounds());
+    pairs.for_each(|(ours, theirs)| assert!((ours - theirs).length() < 1e-5, "{ours} {theirs}"));
+}
+
+#[test]
+fn images_of_an_earlier_longer_run_do_not_linger() {
+    let folder = written(|_| ());
+    let capture = perfect::capture();
+    let mut second = perfect::reconstruction(&capture);
+    second.occluders.clear();
+    let renders = folder.path().join(layout::RENDERS);
+    fs::write(renders.join("024.exr"), "stale").unwrap();
+    fs::write(renders.join("mine.exr"), "the user's").unwrap();
+    output::write(folder.path(), &capture, &second, &ReportOptions::default()).unwrap();
+    assert_eq!(
+        fs::read_dir(folder.path().join(layout::OCCLUDERS))
+            .unwrap()
+            .count(),
+        0
+    );
+    assert!(!renders.join("024.exr").exists());
+    assert!(renders.join("mine.exr").exists());
+}
+
+#[test]
+fn what_is_missing_is_named() {
+    let truth = perfect::bundled().join("truth");
+    let empty = tempfile::tempdir().unwrap();
+    let error = evaluate(empty.path(), &truth).unwrap_err().to_string();
+    assert!(
+        error.contains("environment.exr") && error.contains("check that it exists"),
+        "{error}"
+    );
+
+    let folder = written(|_| ());
+    let error = evaluate(folder.path(), empty.path())
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("holds no truth"), "{error}");
+
+    fs::remove_file(folder.path().join("materials/007.exr")).unwrap();
+    let error = evaluate(folder.path(), &truth).unwrap_err().to_string();
+    assert!(
+        error.starts_with("23 material images were reconstructed but the truth has 24"),
+        "{error}"
+    );
+
+    fs::write(folder.path().join(layout::METRICS), "{").unwrap();
+    let error = evaluate(folder.path(), &truth).unwrap_err().to_string();
+    assert!(error.contains("metrics.json is not as expected"), "{error}");
+}
+
+#[test]
+fn a_file_in_the_way_of_the_folder_is_reported_before_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("out");
+    fs::write(&file, "").unwrap();
+    let error = output::prepare(&file.join("run")).unwrap_err().to_string();
+    assert!(
+        error.contains("cannot write") && error.contains("--out"),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_capture_has_one_fingerprint_that_every_pixel_changes() {
+    let mut capture = perfect::capture();
+    let fingerprint = checkpoint::fingerprint(&capture);
+    assert_eq!(fingerprint, checkpoint::fingerprint(&perfect::capture()));
+    capture.frames[3].image.data[777] += 1e-6;
+    assert_ne!(fingerprint, checkpoint::fingerprint(&capture));
+}

@@ -1,0 +1,133 @@
+//! The report: whole, self-contained, and honest about what there is.
+
+use eclipse::report::{ReportOptions, html};
+use eclipse_tests::perfect;
+
+fn page() -> String {
+    let capture = perfect::capture();
+    let reconstruction = perfect::reconstruction(&capture);
+    html(
+        &capture,
+        &reconstruction,
+        &ReportOptions::new("eclipse reconstruct 'a <b>'"),
+    )
+    .unwrap()
+}
+
+#[test]
+fn the_summary_comes_first_and_says_what_was_done_how_well() {
+    let page = page();
+    let summary = page
+        .split("<p class=\"summary\">")
+        .nth(1)
+        .unwrap()
+        .split("</p>")
+        .next()
+        .unwrap();
+    assert_eq!(
+        summary,
+        "Light, materials and what blocked the light of each photograph were recovered from 24 photographs of \
+         128 × 128 pixels in 15 s (30 iterations, up to the time limit); the renders agree with the photographs \
+         to 41.2 dB, to 0 σ of the sensor's noise."
+    );
+}
+
+#[test]
+fn nothing_outside_the_page_is_needed() {
+    let page = page();
+    for outside in [
+        "http://", "https://", "src=\"/", "url(", "@import", "<link", "fetch(",
+    ] {
+        assert!(!page.contains(outside), "{outside}");
+    }
+    let sources = page.matches(" src=\"").count();
+    assert_eq!(
+        sources,
+        page.matches(" src=\"data:image/png;base64,").count()
+    );
+    // Five pictures of the first frame (Lambertian: no roughness), the environment, a strip of 24 masks.
+    assert_eq!(sources, 5 + 1 + 24);
+}
+
+#[test]
+fn the_scripts_data_is_json_with_the_frames_and_the_radiance() {
+    let page = page();
+    let data = page
+        .split("id=\"data\">")
+        .nth(1)
+        .unwrap()
+        .split("</script>")
+        .next()
+        .unwrap();
+    let data: serde_json::Value = serde_json::from_str(data).unwrap();
+    let frames = data["frames"].as_array().unwrap();
+    assert_eq!(frames.len(), 16);
+    assert_eq!(
+        (&frames[0]["name"], &frames[15]["name"]),
+        (&"000".into(), &"023".into())
+    );
+    for kind in ["photograph", "render", "residual", "albedo", "occluder"] {
+        assert!(frames[7]["pictures"][kind].is_string(), "{kind}");
+        assert!(page.contains(&format!("id=\"frame-{kind}\"")), "{kind}");
+    }
+    // 50 × 100 × 3 floats.
+    assert_eq!(
+        data["environment"]["radiance"].as_str().unwrap().len(),
+        60_000 / 3 * 4
+    );
+}
+
+#[test]
+fn text_from_outside_is_escaped() {
+    let page = page();
+    assert!(page.contains("its mask &lt;ended&gt; empty"));
+    assert!(page.contains("eclipse reconstruct 'a &lt;b&gt;'"));
+    assert!(!page.contains("<ended>"));
+}
+
+#[test]
+fn elements_are_closed() {
+    let page = page();
+    for element in [
+        "html", "head", "body", "header", "section", "figure", "table", "svg", "script", "style",
+        "div",
+    ] {
+        let opened = page.matches(&format!("<{element}>")).count()
+            + page.matches(&format!("<{element} ")).count();
+        assert_eq!(
+            opened,
+            page.matches(&format!("</{element}>")).count(),
+            "{element}"
+        );
+    }
+}
+
+#[test]
+fn what_was_not_recovered_is_left_out() {
+    let capture = perfect::capture();
+    let mut bare = perfect::reconstruction(&capture);
+    bare.occluders.clear();
+    bare.materials.clear();
+    bare.renders.clear();
+    bare.curve.clear();
+    bare.notes.clear();
+    bare.noise = None;
+    bare.metrics = Default::default();
+    let page = html(&capture, &bare, &ReportOptions::new("eclipse")).unwrap();
+    for absent in [
+        "<h2>Occluders",
+        "frame-render",
+        "frame-albedo",
+        "<svg",
+        "<aside",
+    ] {
+        assert!(!page.contains(absent), "{absent}");
+    }
+    assert!(page.contains("Light and materials were recovered"));
+    assert!(page.contains("with an RMS residual of 0.</p>"));
+}
+
+#[test]
+fn the_same_run_gives_the_same_page() {
+    assert_eq!(page(), page());
+}
