@@ -57,6 +57,7 @@ mod graph;
 mod linear_map;
 mod math;
 mod op;
+mod packed;
 mod program;
 mod real;
 mod run;
@@ -68,5 +69,5 @@ pub use graph::{
 };
 pub use linear_map::LinearMap;
 pub use program::Program;
-pub use real::{Fma, Fused, Real, Scalar, Unfused};
+pub use real::{Fma, Real, Scalar};
 pub use run::{Sizes, Workspace};

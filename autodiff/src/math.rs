@@ -137,7 +137,17 @@ pub(crate) fn cos<F: Fma>(x: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::real::{Fused, Unfused};
+
+    #[derive(Clone, Copy)]
+    struct Fused;
+    #[derive(Clone, Copy)]
+    struct Unfused;
+    impl Fma for Fused {
+        const FUSED: bool = true;
+    }
+    impl Fma for Unfused {
+        const FUSED: bool = false;
+    }
 
     fn worst_ulp(f: fn(f32) -> f32, reference: fn(f64) -> f64, range: (f32, f32)) -> f64 {
         let steps = 200_000;

@@ -3,15 +3,18 @@
 use std::fmt::Debug;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
+use pulp::Simd;
+
 use crate::linear_map::LinearMap;
 use crate::math;
+use crate::packed::Packed;
 
 /// A scalar that every primitive can be evaluated on: `f32`, `f64`, and the dual numbers over them.
 ///
 /// Each primitive is written once against this trait, so that running it on dual numbers differentiates it.
 /// Comparisons (`<`, `==`) look at the value only; [`Real::is_zero`] looks at the whole number.
 pub trait Real:
-    Copy
+    Packed
     + Send
     + Sync
     + 'static
@@ -72,18 +75,8 @@ pub trait Fma: Copy {
     const FUSED: bool;
 }
 
-/// Instructions with a fused multiply-add.
-#[derive(Clone, Copy)]
-pub struct Fused;
-/// Instructions without one.
-#[derive(Clone, Copy)]
-pub struct Unfused;
-
-impl Fma for Fused {
-    const FUSED: bool = true;
-}
-impl Fma for Unfused {
-    const FUSED: bool = false;
+impl<S: Simd> Fma for S {
+    const FUSED: bool = !S::IS_SCALAR;
 }
 
 macro_rules! real {

@@ -3,12 +3,15 @@
 use pulp::{Arch, Simd, WithSimd};
 
 use super::Primitive;
-use crate::real::{Fma, Fused, Real, Unfused};
+use crate::real::{Fma, Real};
 
 /// A loop to be compiled for every instruction set; the best one present is chosen when it runs.
+///
+/// The compiler vectorises plain loops over slices; it needs the slices as arguments of the function that holds the loop, to
+/// know that they do not overlap.
 pub(crate) trait Kernel {
     /// The loop; must be `#[inline(always)]`, as must all that it calls.
-    fn run<F: Fma>(self);
+    fn run<S: Simd>(self, simd: S);
 }
 
 struct Dispatch<K>(K);
@@ -17,12 +20,8 @@ impl<K: Kernel> WithSimd for Dispatch<K> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        if S::IS_SCALAR {
-            self.0.run::<Unfused>()
-        } else {
-            self.0.run::<Fused>()
-        }
+    fn with_simd<S: Simd>(self, simd: S) {
+        self.0.run(simd)
     }
 }
 
@@ -50,14 +49,48 @@ struct Evaluate<'a, R, P, const N: usize> {
 
 impl<R: Real, P: Primitive<N>, const N: usize> Kernel for Evaluate<'_, R, P, N> {
     #[inline(always)]
-    fn run<F: Fma>(self) {
-        let n = self.y.len();
-        let x: [&[R]; N] = std::array::from_fn(|j| &self.x[j][..n]);
-        for i in 0..n {
-            let operands = std::array::from_fn(|j| x[j][i]);
-            self.y[i] = self.primitive.eval::<R, F>(operands);
-        }
+    fn run<S: Simd>(self, _: S) {
+        let [x0, x1, x2] = three(self.x);
+        evaluate_loop::<R, S, P, N>(self.primitive, x0, x1, x2, self.y);
     }
+}
+
+#[inline(always)]
+fn evaluate_loop<R: Real, F: Fma, P: Primitive<N>, const N: usize>(
+    primitive: P,
+    x0: &[R],
+    x1: &[R],
+    x2: &[R],
+    y: &mut [R],
+) {
+    let n = y.len();
+    let (x0, x1, x2) = (&x0[..n], &x1[..n], &x2[..n]);
+    for i in 0..n {
+        y[i] = primitive.eval::<R, F>(operands(x0[i], x1[i], x2[i]));
+    }
+}
+
+/// Operands as three slices; absent ones repeat the first.
+#[inline(always)]
+fn three<R, const N: usize>(x: [&[R]; N]) -> [&[R]; 3] {
+    [
+        x[0],
+        x[if N > 1 { 1 } else { 0 }],
+        x[if N > 2 { 2 } else { 0 }],
+    ]
+}
+
+/// The first `N` of three operands.
+#[inline(always)]
+fn operands<R: Real, const N: usize>(x0: R, x1: R, x2: R) -> [R; N] {
+    let mut x = [x0; N];
+    if N > 1 {
+        x[1] = x1;
+    }
+    if N > 2 {
+        x[2] = x2;
+    }
+    x
 }
 
 /// `target (+)= (df/dx_i) source`.
@@ -71,45 +104,23 @@ pub(super) fn pass<R: Real, P: Primitive<N>, const N: usize>(
     target: &mut [R],
     add: bool,
 ) {
+    let pass = Pass {
+        primitive,
+        x,
+        y,
+        source,
+        target,
+        add,
+    };
     match i {
-        0 => dispatch(
-            arch,
-            Pass::<R, P, N, 0> {
-                primitive,
-                x,
-                y,
-                source,
-                target,
-                add,
-            },
-        ),
-        1 if N > 1 => dispatch(
-            arch,
-            Pass::<R, P, N, 1> {
-                primitive,
-                x,
-                y,
-                source,
-                target,
-                add,
-            },
-        ),
-        _ if N > 2 => dispatch(
-            arch,
-            Pass::<R, P, N, 2> {
-                primitive,
-                x,
-                y,
-                source,
-                target,
-                add,
-            },
-        ),
+        0 => dispatch(arch, Operand::<_, 0>(pass)),
+        1 if N > 1 => dispatch(arch, Operand::<_, 1>(pass)),
+        _ if N > 2 => dispatch(arch, Operand::<_, 2>(pass)),
         _ => {}
     }
 }
 
-struct Pass<'a, R, P, const N: usize, const I: usize> {
+struct Pass<'a, R, P, const N: usize> {
     primitive: P,
     x: [&'a [R]; N],
     y: &'a [R],
@@ -118,30 +129,59 @@ struct Pass<'a, R, P, const N: usize, const I: usize> {
     add: bool,
 }
 
-impl<R: Real, P: Primitive<N>, const N: usize, const I: usize> Kernel for Pass<'_, R, P, N, I> {
+struct Operand<T, const I: usize>(T);
+
+impl<R: Real, P: Primitive<N>, const N: usize, const I: usize> Kernel
+    for Operand<Pass<'_, R, P, N>, I>
+{
     #[inline(always)]
-    fn run<F: Fma>(self) {
-        let n = self.target.len();
-        let x: [&[R]; N] = std::array::from_fn(|j| &self.x[j][..n]);
-        let (y, source) = (&self.y[..n], &self.source[..n]);
-        let term = |i: usize| {
-            let operands = std::array::from_fn(|j| x[j][i]);
-            let product = source[i] * self.primitive.partial::<R, F, I>(operands, y[i]);
-            // The branch of a selection that was not taken may hold an infinite partial: 0 * infinity must not spread.
-            if source[i].is_zero() {
-                R::default()
-            } else {
-                product
-            }
-        };
-        if self.add {
-            for i in 0..n {
-                self.target[i] = self.target[i] + term(i);
-            }
+    fn run<S: Simd>(self, _: S) {
+        let pass = self.0;
+        let [x0, x1, x2] = three(pass.x);
+        pass_loop::<R, S, P, N, I>(
+            pass.primitive,
+            x0,
+            x1,
+            x2,
+            pass.y,
+            pass.source,
+            pass.target,
+            pass.add,
+        );
+    }
+}
+
+#[inline(always)]
+fn pass_loop<R: Real, F: Fma, P: Primitive<N>, const N: usize, const I: usize>(
+    primitive: P,
+    x0: &[R],
+    x1: &[R],
+    x2: &[R],
+    y: &[R],
+    source: &[R],
+    target: &mut [R],
+    add: bool,
+) {
+    let n = target.len();
+    let (x0, x1, x2) = (&x0[..n], &x1[..n], &x2[..n]);
+    let (y, source) = (&y[..n], &source[..n]);
+    let term = |i: usize| {
+        let x = operands(x0[i], x1[i], x2[i]);
+        let product = source[i] * primitive.partial::<R, F, I>(x, y[i]);
+        // The branch of a selection that was not taken may hold an infinite partial: 0 * infinity must not spread.
+        if source[i].is_zero() {
+            R::default()
         } else {
-            for i in 0..n {
-                self.target[i] = term(i);
-            }
+            product
+        }
+    };
+    if add {
+        for i in 0..n {
+            target[i] = target[i] + term(i);
+        }
+    } else {
+        for i in 0..n {
+            target[i] = term(i);
         }
     }
 }

@@ -3,18 +3,13 @@
 //! The case that matters has a coefficient without axis (a few channels) and a row along the axis (one channel): the
 //! accumulators of one segment stay in registers while its lanes stream by.
 
-use pulp::Arch;
-
 use super::block::{Env, Lanes, View, Worker};
 use super::chunk::Span;
-use super::rows::PARTIALS;
+use super::contract_kernel::{Accumulate, Dots, Products, PullRows};
 use super::segments::{collect, pieces};
 use crate::graph::NodeId;
-use crate::op::kernel::{Kernel, dispatch};
-use crate::real::{Fma, Real};
-
-/// Elements of a register tile.
-const TILE: usize = 16;
+use crate::op::kernel::dispatch;
+use crate::real::Real;
 
 /// Adds the products of a block to the segments' sums. `a` and `b` may be values or tangents.
 pub(super) fn push<R: Real>(
@@ -64,97 +59,31 @@ pub(super) fn push<R: Real>(
                 let factors = [factor(0), factor(1), factor(2)];
                 let pitch = parents * axis;
                 let sums = &mut sums[sum_start..sum_start + 2 * pitch + axis];
-                accumulate(env.arch, factors, rows, axis, sums, pitch);
+                dispatch(
+                    env.arch,
+                    Accumulate {
+                        factors,
+                        rows,
+                        axis,
+                        sums,
+                        pitch,
+                    },
+                );
             } else {
                 let sums = &mut sums[sum_start..sum_start + axis];
-                accumulate(env.arch, [factor(0)], rows, axis, sums, 0);
+                let factors = [factor(0)];
+                dispatch(
+                    env.arch,
+                    Accumulate {
+                        factors,
+                        rows,
+                        axis,
+                        sums,
+                        pitch: 0,
+                    },
+                );
             }
             c += group;
-        }
-    }
-}
-
-/// `sums[c * pitch + k] += sum_lane factors[c][lane] rows[lane][k]`.
-fn accumulate<R: Real, const C: usize>(
-    arch: Arch,
-    factors: [&[R]; C],
-    rows: &[R],
-    axis: usize,
-    sums: &mut [R],
-    pitch: usize,
-) {
-    dispatch(
-        arch,
-        Accumulate {
-            factors,
-            rows,
-            axis,
-            sums,
-            pitch,
-        },
-    );
-}
-
-struct Accumulate<'a, R, const C: usize> {
-    factors: [&'a [R]; C],
-    rows: &'a [R],
-    axis: usize,
-    sums: &'a mut [R],
-    pitch: usize,
-}
-
-impl<R: Real, const C: usize> Kernel for Accumulate<'_, R, C> {
-    #[inline(always)]
-    fn run<F: Fma>(mut self) {
-        let mut k = 0;
-        while k + 3 * TILE <= self.axis {
-            self.tiles::<F, 3>(k);
-            k += 3 * TILE;
-        }
-        while k + TILE <= self.axis {
-            self.tiles::<F, 1>(k);
-            k += TILE;
-        }
-        for k in k..self.axis {
-            for c in 0..C {
-                let sum = &mut self.sums[c * self.pitch + k];
-                for (lane, row) in self.rows.chunks_exact(self.axis).enumerate() {
-                    *sum = self.factors[c][lane].mul_add::<F>(row[k], *sum);
-                }
-            }
-        }
-    }
-}
-
-impl<R: Real, const C: usize> Accumulate<'_, R, C> {
-    /// Columns `k .. k + T * TILE`, held in registers over all lanes.
-    #[inline(always)]
-    fn tiles<F: Fma, const T: usize>(&mut self, k: usize) {
-        let mut sums = [[[R::default(); TILE]; T]; C];
-        for c in 0..C {
-            for t in 0..T {
-                let start = c * self.pitch + k + t * TILE;
-                sums[c][t].copy_from_slice(&self.sums[start..start + TILE]);
-            }
-        }
-        let lanes = self.rows.len() / self.axis;
-        let factors: [&[R]; C] = std::array::from_fn(|c| &self.factors[c][..lanes]);
-        for lane in 0..lanes {
-            let row = &self.rows[lane * self.axis + k..][..T * TILE];
-            for c in 0..C {
-                let factor = factors[c][lane];
-                for t in 0..T {
-                    for j in 0..TILE {
-                        sums[c][t][j] = factor.mul_add::<F>(row[t * TILE + j], sums[c][t][j]);
-                    }
-                }
-            }
-        }
-        for c in 0..C {
-            for t in 0..T {
-                let start = c * self.pitch + k + t * TILE;
-                self.sums[start..start + TILE].copy_from_slice(&sums[c][t]);
-            }
         }
     }
 }
@@ -168,9 +97,6 @@ pub(super) fn pull<R: Real>(
     (target, other): (NodeId, NodeId),
     g: &[R],
 ) {
-    let (channels, axis) = (env.channels(id), env.axis(id));
-    let all_parents = env.all_lanes(id);
-    let (axis_t, axis_o) = (env.axis(target), env.axis(other));
     let slot = env.slot(target);
     let add = std::mem::replace(&mut worker.written[slot], true);
     let mut adjoint = std::mem::take(&mut worker.adjoints[slot]);
@@ -178,93 +104,146 @@ pub(super) fn pull<R: Real>(
         local: &worker.values,
         whole: env.values,
     };
-    let single = env.channels(target) == 1;
-    for c in 0..channels {
-        let add = add || (single && c > 0);
-        let channel = if single { 0 } else { c };
-        let start = channel * env.stride * axis_t;
-        let out = &mut adjoint.as_mut_slice()[start..start + lanes.len * axis_t];
-        let other = env.channel(view, lanes, other, c);
-        for piece in pieces(env, lanes) {
-            let row = (c * all_parents + piece.parent) * axis;
-            dispatch(
-                env.arch,
-                PullRow {
-                    g: &g[row..row + axis],
-                    other,
-                    out,
-                    axis_t,
-                    axis_o,
-                    first: piece.lanes.start - lanes.start,
-                    last: piece.lanes.end - lanes.start,
-                    add,
-                },
-            );
+    let channels = env.channels(id);
+    let (single, shared) = (env.channels(target) == 1, env.channels(other) == 1);
+    let (axis_t, axis_o) = (env.axis(target), env.axis(other));
+    let mut c = 0;
+    while c < channels {
+        let three = channels - c >= 3 && axis_t != axis_o;
+        let into = Into {
+            out: adjoint.as_mut_slice(),
+            channel: if single { 0 } else { c },
+            add: add || (single && c > 0),
+        };
+        if three && axis_t == 1 && shared && !single {
+            pull_three::<R, true>(env, view, lanes, id, (target, other), c, g, into);
+            c += 3;
+        } else if three && axis_o == 1 && single && !shared {
+            pull_three::<R, false>(env, view, lanes, id, (target, other), c, g, into);
+            c += 3;
+        } else {
+            pull_one(env, view, lanes, id, (target, other), c, g, into);
+            c += 1;
         }
     }
     worker.adjoints[slot] = adjoint;
 }
 
-struct PullRow<'a, R> {
-    /// The adjoint of one parent's row.
-    g: &'a [R],
-    other: &'a [R],
+/// Where an adjoint goes.
+struct Into<'a, R> {
     out: &'a mut [R],
-    axis_t: usize,
-    axis_o: usize,
-    first: usize,
-    last: usize,
+    channel: usize,
     add: bool,
 }
 
-impl<R: Real> Kernel for PullRow<'_, R> {
-    #[inline(always)]
-    fn run<F: Fma>(self) {
-        let (g, width) = (self.g, self.g.len());
-        for lane in self.first..self.last {
-            let other = &self.other[lane * self.axis_o..(lane + 1) * self.axis_o];
-            let out = &mut self.out[lane * self.axis_t..(lane + 1) * self.axis_t];
-            if self.axis_t == 1 {
-                let sum = if self.axis_o == 1 {
-                    g[0] * other[0]
-                } else {
-                    dot::<R, F>(g, other)
-                };
-                out[0] = if self.add { out[0] + sum } else { sum };
-            } else if self.axis_o == 1 {
-                let factor = other[0];
-                if self.add {
-                    for k in 0..width {
-                        out[k] = factor.mul_add::<F>(g[k], out[k]);
-                    }
-                } else {
-                    for k in 0..width {
-                        out[k] = factor * g[k];
-                    }
-                }
-            } else {
-                for k in 0..width {
-                    let product = other[k] * g[k];
-                    out[k] = if self.add { out[k] + product } else { product };
-                }
-            }
+/// Three channels at once: the coefficients' adjoints (`DOTS`), or the rows'.
+fn pull_three<R: Real, const DOTS: bool>(
+    env: &Env<R>,
+    view: View<R>,
+    lanes: Lanes,
+    id: NodeId,
+    (target, other): (NodeId, NodeId),
+    c: usize,
+    g: &[R],
+    into: Into<R>,
+) {
+    let (axis, all) = (env.axis(id), env.all_lanes(id));
+    let pitch = env.pitch(target);
+    let start = into.channel * pitch;
+    for piece in pieces(env, lanes) {
+        let g: [&[R]; 3] = std::array::from_fn(|i| {
+            let row = ((c + i) * all + piece.parent) * axis;
+            &g[row..row + axis]
+        });
+        let (first, last) = (
+            piece.lanes.start - lanes.start,
+            piece.lanes.end - lanes.start,
+        );
+        let others: [&[R]; 3] = std::array::from_fn(|i| env.channel(view, lanes, other, c + i));
+        let add = into.add;
+        if DOTS {
+            let rows = &others[0][first * axis..last * axis];
+            let out = &mut into.out[start + first..start + 2 * pitch + last];
+            dispatch(
+                env.arch,
+                Dots {
+                    g,
+                    rows,
+                    axis,
+                    out,
+                    pitch,
+                    add,
+                },
+            );
+        } else {
+            let factors = others.map(|other| &other[first..last]);
+            let rows = &mut into.out[start + first * axis..start + last * axis];
+            dispatch(
+                env.arch,
+                PullRows {
+                    g,
+                    factors,
+                    axis,
+                    rows,
+                    add,
+                },
+            );
         }
     }
 }
 
-/// Inner product in a fixed order, spread over partial sums.
-#[inline(always)]
-fn dot<R: Real, F: Fma>(a: &[R], b: &[R]) -> R {
-    let mut sums = [R::default(); PARTIALS];
-    let (mut xs, mut ys) = (a.chunks_exact(PARTIALS), b.chunks_exact(PARTIALS));
-    for (x, y) in xs.by_ref().zip(ys.by_ref()) {
-        for i in 0..PARTIALS {
-            sums[i] = x[i].mul_add::<F>(y[i], sums[i]);
+/// One channel, of operands of any shapes.
+fn pull_one<R: Real>(
+    env: &Env<R>,
+    view: View<R>,
+    lanes: Lanes,
+    id: NodeId,
+    (target, other): (NodeId, NodeId),
+    c: usize,
+    g: &[R],
+    into: Into<R>,
+) {
+    let (axis, all) = (env.axis(id), env.all_lanes(id));
+    let (axis_t, axis_o) = (env.axis(target), env.axis(other));
+    let start = into.channel * env.pitch(target);
+    let other = env.channel(view, lanes, other, c);
+    let add = into.add;
+    for piece in pieces(env, lanes) {
+        let row = (c * all + piece.parent) * axis;
+        let g = &g[row..row + axis];
+        let (first, last) = (
+            piece.lanes.start - lanes.start,
+            piece.lanes.end - lanes.start,
+        );
+        let out = &mut into.out[start + first * axis_t..start + last * axis_t];
+        let other = &other[first * axis_o..last * axis_o];
+        if axis_t == axis_o {
+            dispatch(env.arch, Products { g, other, out, add });
+        } else if axis_t == 1 {
+            let (g, rows) = ([g], other);
+            dispatch(
+                env.arch,
+                Dots {
+                    g,
+                    rows,
+                    axis,
+                    out,
+                    pitch: 0,
+                    add,
+                },
+            );
+        } else {
+            let (g, factors, rows) = ([g], [other], out);
+            dispatch(
+                env.arch,
+                PullRows {
+                    g,
+                    factors,
+                    axis,
+                    rows,
+                    add,
+                },
+            );
         }
     }
-    let mut sum = super::rows::total(&sums);
-    for (x, y) in xs.remainder().iter().zip(ys.remainder()) {
-        sum = x.mul_add::<F>(*y, sum);
-    }
-    sum
 }

@@ -16,6 +16,9 @@ use crate::graph::{NodeId, Op};
 use crate::program::{Body, Phase, Program, PullKind};
 use crate::real::Real;
 
+/// How many times larger than others a value along an axis may be in a block.
+const WIDE: usize = 16;
+
 /// All that a run changes, for one scalar type.
 pub(super) struct State<R> {
     pub extent: Extent,
@@ -56,7 +59,9 @@ impl<R: Real> State<R> {
                 Body::Map => Vec::new(),
             };
             let longest = spans.iter().map(|span| span.lanes.len()).max().unwrap_or(0);
-            let wanted = sizes.block / widest(program, &extent, phase);
+            // Few values of a phase are wide: they may overflow L1 as long as blocks keep enough lanes.
+            let wide = WIDE * sizes.block / widest(program, &extent, phase);
+            let wanted = sizes.block.min(wide);
             strides.push(wanted.min(longest).next_multiple_of(PARTIALS).max(PARTIALS));
             chunks.push(
                 spans

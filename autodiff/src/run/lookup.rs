@@ -1,9 +1,9 @@
 //! Gathers from whole tables and their adjoint, scatter-add into a chunk's private table.
 
-use pulp::Arch;
+use pulp::{Arch, Simd};
 
 use crate::op::kernel::{Kernel, dispatch};
-use crate::real::{Fma, Real};
+use crate::real::Real;
 
 /// `target[lane] = table[index[lane]]` for one channel.
 pub(super) fn gather<R: Real>(table: &[R], axis: usize, index: &[u32], target: &mut [R]) {
@@ -92,24 +92,34 @@ struct Interpolate<'a, R, const N: usize> {
 
 impl<R: Real, const N: usize> Kernel for Interpolate<'_, R, N> {
     #[inline(always)]
-    fn run<F: Fma>(self) {
+    fn run<S: Simd>(self, simd: S) {
         let axis = self.axis;
         for (lane, target) in self.target.chunks_exact_mut(axis).enumerate() {
-            let rows: [&[R]; N] = std::array::from_fn(|k| {
+            let mut rows = [(&self.table[..0], R::default()); N];
+            for k in 0..N {
                 let i = self.corners[k].0[lane] as usize * axis;
-                &self.table[i..i + axis]
-            });
-            let weights: [R; N] = std::array::from_fn(|k| self.corners[k].1[lane]);
-            for j in 0..axis {
+                rows[k] = (&self.table[i..i + axis], self.corners[k].1[lane]);
+            }
+            let (packs, rest) = R::packs_mut::<S>(target);
+            let first = axis - rest.len();
+            for (j, target) in packs.iter_mut().enumerate() {
                 let mut sum = if self.add {
-                    weights[0].mul_add::<F>(rows[0][j], target[j])
+                    *target
                 } else {
-                    weights[0] * rows[0][j]
+                    R::splat(simd, R::default())
                 };
-                for k in 1..N {
-                    sum = weights[k].mul_add::<F>(rows[k][j], sum);
+                for (row, weight) in rows {
+                    let row = R::packs::<S>(row).0;
+                    sum = R::fma(simd, R::splat(simd, weight), row[j], sum);
                 }
-                target[j] = sum;
+                *target = sum;
+            }
+            for (j, target) in rest.iter_mut().enumerate() {
+                let mut sum = if self.add { *target } else { R::default() };
+                for (row, weight) in rows {
+                    sum = weight.mul_add::<S>(row[first + j], sum);
+                }
+                *target = sum;
             }
         }
     }
@@ -143,13 +153,19 @@ struct ScatterWeighted<'a, R> {
 
 impl<R: Real> Kernel for ScatterWeighted<'_, R> {
     #[inline(always)]
-    fn run<F: Fma>(self) {
+    fn run<S: Simd>(self, simd: S) {
         let axis = self.axis;
         for (lane, row) in self.source.chunks_exact(axis).enumerate() {
+            let (source, source_rest) = R::packs::<S>(row);
             for (index, weight) in self.corners {
                 let (i, weight) = (index[lane] as usize * axis, weight[lane]);
-                for (t, x) in self.table[i..i + axis].iter_mut().zip(row) {
-                    *t = weight.mul_add::<F>(*x, *t);
+                let (target, rest) = R::packs_mut::<S>(&mut self.table[i..i + axis]);
+                let factor = R::splat(simd, weight);
+                for (t, x) in target.iter_mut().zip(source) {
+                    *t = R::fma(simd, factor, *x, *t);
+                }
+                for (t, x) in rest.iter_mut().zip(source_rest) {
+                    *t = weight.mul_add::<S>(*x, *t);
                 }
             }
         }

@@ -3,15 +3,16 @@
 //! Channels are contiguous over lanes, so the product runs over tiles of lanes in registers: sums over input channels are in
 //! order for every lane, and sums over lanes (the matrix's adjoint) are in the order of lanes, whatever the block.
 
-use pulp::Arch;
+use pulp::{Arch, Simd};
 
+use super::rows::PARTIALS;
 use crate::op::kernel::{Kernel, dispatch};
 use crate::real::{Fma, Real};
 
-/// Lanes of a register tile.
-const TILE: usize = 16;
 /// Rows of a register tile.
 const ROWS: usize = 4;
+/// Registers along a row of a tile.
+const TILE: usize = 2;
 
 /// A strided matrix: element `(row, column)` at `row * rows + column * columns`.
 #[derive(Clone, Copy)]
@@ -42,23 +43,24 @@ pub(super) fn product<R: Real>(arch: Arch, product: Product<R>) {
 
 impl<R: Real> Kernel for Product<'_, R> {
     #[inline(always)]
-    fn run<F: Fma>(mut self) {
+    fn run<S: Simd>(mut self, simd: S) {
+        // Blocks are padded to whole tiles, so the last one is computed in full; what is beyond `lanes` is not read.
+        let padded = self.lanes.next_multiple_of(PARTIALS);
+        let packs = R::packs::<S>(&self.x[..padded]).0.len();
         let mut row = 0;
         while row < self.out_rows {
-            let mut lane = 0;
             let full = row + ROWS <= self.out_rows;
-            while lane < self.lanes {
-                if full && lane + 2 * TILE <= self.lanes {
-                    self.tile::<F, ROWS, 2>(row, lane, 2 * TILE);
-                    lane += 2 * TILE;
+            let mut k = 0;
+            while k < packs {
+                if full && k + TILE <= packs {
+                    self.tile::<S, ROWS, TILE>(simd, row, k, padded);
+                    k += TILE;
                 } else if full {
-                    let width = TILE.min(self.lanes - lane);
-                    self.tile::<F, ROWS, 1>(row, lane, width);
-                    lane += width;
+                    self.tile::<S, ROWS, 1>(simd, row, k, padded);
+                    k += 1;
                 } else {
-                    let width = TILE.min(self.lanes - lane);
-                    self.tile::<F, 1, 1>(row, lane, width);
-                    lane += width;
+                    self.tile::<S, 1, 1>(simd, row, k, padded);
+                    k += 1;
                 }
             }
             row += if full { ROWS } else { 1 };
@@ -67,40 +69,43 @@ impl<R: Real> Kernel for Product<'_, R> {
 }
 
 impl<R: Real> Product<'_, R> {
-    /// `N` rows by `T` tiles of lanes, of which `width` count.
+    /// `N` rows by packs `k .. k + T` of lanes.
     #[inline(always)]
-    fn tile<F: Fma, const N: usize, const T: usize>(
+    fn tile<S: Simd, const N: usize, const T: usize>(
         &mut self,
+        simd: S,
         row: usize,
-        lane: usize,
-        width: usize,
+        k: usize,
+        padded: usize,
     ) {
-        let mut sums = [[[R::default(); TILE]; T]; N];
-        if let Some(bias) = self.bias {
-            for n in 0..N {
-                sums[n] = [[bias[row + n]; TILE]; T];
+        let mut sums = [[R::splat(simd, R::default()); T]; N];
+        for n in 0..N {
+            if let Some(bias) = self.bias {
+                sums[n] = [R::splat(simd, bias[row + n]); T];
+            }
+            if self.add {
+                let start = (row + n) * self.pitch;
+                let out = &R::packs::<S>(&self.out[start..start + padded]).0[k..k + T];
+                for t in 0..T {
+                    sums[n][t] = R::plus(simd, sums[n][t], out[t]);
+                }
             }
         }
-        for k in 0..self.inner {
-            // Rows of a block are padded to whole tiles, so a tail may be computed in full and dropped.
-            let x = &self.x[k * self.x_pitch + lane..][..T * TILE];
+        for i in 0..self.inner {
+            let x = &self.x[i * self.x_pitch..i * self.x_pitch + padded];
+            let x = &R::packs::<S>(x).0[k..k + T];
             for n in 0..N {
-                let at = (row + n) * self.matrix.rows + k * self.matrix.columns;
-                let w = self.matrix.data[at];
+                let at = (row + n) * self.matrix.rows + i * self.matrix.columns;
+                let w = R::splat(simd, self.matrix.data[at]);
                 for t in 0..T {
-                    for j in 0..TILE {
-                        sums[n][t][j] = w.mul_add::<F>(x[t * TILE + j], sums[n][t][j]);
-                    }
+                    sums[n][t] = R::fma(simd, w, x[t], sums[n][t]);
                 }
             }
         }
         for n in 0..N {
-            let start = (row + n) * self.pitch + lane;
-            let out = &mut self.out[start..start + width];
-            for (j, out) in out.iter_mut().enumerate() {
-                let sum = sums[n][j / TILE][j % TILE];
-                *out = if self.add { *out + sum } else { sum };
-            }
+            let start = (row + n) * self.pitch;
+            let out = &mut R::packs_mut::<S>(&mut self.out[start..start + padded]).0[k..k + T];
+            out.copy_from_slice(&sums[n]);
         }
     }
 }
@@ -125,71 +130,67 @@ pub(super) fn outer<R: Real>(arch: Arch, outer: Outer<R>) {
 
 impl<R: Real> Kernel for Outer<'_, R> {
     #[inline(always)]
-    fn run<F: Fma>(mut self) {
+    fn run<S: Simd>(mut self, simd: S) {
         for column in 0..self.columns {
             let x = &self.x[column * self.x_pitch..][..self.lanes];
             for (lane, x) in x.iter().enumerate() {
                 self.transposed[lane * self.columns + column] = *x;
             }
         }
+        let (packs, rest) = R::packs::<S>(&self.transposed[..self.columns]);
+        let (packs, rest) = (packs.len(), rest.len());
         let mut row = 0;
         while row < self.rows {
             let full = row + ROWS <= self.rows;
-            let mut column = 0;
-            while column < self.columns {
-                let rest = self.columns - column;
-                match (full, rest >= 2 * TILE, rest >= TILE) {
-                    (true, true, _) => {
-                        self.tile::<F, ROWS, 2>(row, column);
-                        column += 2 * TILE;
-                    }
-                    (true, false, true) => {
-                        self.tile::<F, ROWS, 1>(row, column);
-                        column += TILE;
-                    }
-                    (false, _, true) => {
-                        self.tile::<F, 1, 1>(row, column);
-                        column += TILE;
-                    }
-                    _ => {
-                        for n in row..(row + if full { ROWS } else { 1 }) {
-                            self.element::<F>(n, column);
-                        }
-                        column += 1;
-                    }
+            let mut k = 0;
+            while k < packs {
+                if full && k + TILE <= packs {
+                    self.tile::<S, ROWS, TILE>(simd, row, k);
+                    k += TILE;
+                } else if full {
+                    self.tile::<S, ROWS, 1>(simd, row, k);
+                    k += 1;
+                } else {
+                    self.tile::<S, 1, 1>(simd, row, k);
+                    k += 1;
                 }
             }
-            row += if full { ROWS } else { 1 };
+            let height = if full { ROWS } else { 1 };
+            for row in row..row + height {
+                for column in self.columns - rest..self.columns {
+                    self.element::<S>(row, column);
+                }
+            }
+            row += height;
         }
     }
 }
 
 impl<R: Real> Outer<'_, R> {
+    /// `N` rows by packs `k .. k + T` of columns.
     #[inline(always)]
-    fn tile<F: Fma, const N: usize, const T: usize>(&mut self, row: usize, column: usize) {
-        let mut sums = [[[R::default(); TILE]; T]; N];
+    fn tile<S: Simd, const N: usize, const T: usize>(&mut self, simd: S, row: usize, k: usize) {
+        let columns = self.columns;
+        let mut sums = [[R::splat(simd, R::default()); T]; N];
         for n in 0..N {
-            for t in 0..T {
-                let start = (row + n) * self.columns + column + t * TILE;
-                sums[n][t].copy_from_slice(&self.sums[start..start + TILE]);
-            }
+            let start = (row + n) * columns;
+            let all = R::packs::<S>(&self.sums[start..start + columns]).0;
+            sums[n].copy_from_slice(&all[k..k + T]);
         }
         for lane in 0..self.lanes {
-            let x = &self.transposed[lane * self.columns + column..][..T * TILE];
+            let x = &self.transposed[lane * columns..(lane + 1) * columns];
+            let x = &R::packs::<S>(x).0[k..k + T];
             for n in 0..N {
-                let g = self.g[(row + n) * self.g_pitch + lane];
+                let g = R::splat(simd, self.g[(row + n) * self.g_pitch + lane]);
                 for t in 0..T {
-                    for j in 0..TILE {
-                        sums[n][t][j] = g.mul_add::<F>(x[t * TILE + j], sums[n][t][j]);
-                    }
+                    sums[n][t] = R::fma(simd, g, x[t], sums[n][t]);
                 }
             }
         }
         for n in 0..N {
-            for t in 0..T {
-                let start = (row + n) * self.columns + column + t * TILE;
-                self.sums[start..start + TILE].copy_from_slice(&sums[n][t]);
-            }
+            let start = (row + n) * columns;
+            let all = R::packs_mut::<S>(&mut self.sums[start..start + columns]).0;
+            all[k..k + T].copy_from_slice(&sums[n]);
         }
     }
 

@@ -3,6 +3,7 @@
 mod block;
 mod chunk;
 mod contract;
+mod contract_kernel;
 mod driver;
 mod linear;
 mod lookup;

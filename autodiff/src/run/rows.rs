@@ -1,9 +1,9 @@
 //! Vector loops on contiguous rows, and sums whose order does not depend on how lanes are cut into blocks.
 
-use pulp::Arch;
+use pulp::{Arch, Simd};
 
 use crate::op::kernel::{Kernel, dispatch};
-use crate::real::{Fma, Real};
+use crate::real::Real;
 
 /// Partial sums that a long sum of single elements is spread over, so that it vectorises. Element `i` of the sum goes to
 /// partial sum `i % PARTIALS`, whatever block it comes in.
@@ -25,10 +25,15 @@ struct AddRow<'a, R> {
 
 impl<R: Real> Kernel for AddRow<'_, R> {
     #[inline(always)]
-    fn run<F: Fma>(self) {
-        for (t, s) in self.target.iter_mut().zip(self.source) {
-            *t = *t + *s;
-        }
+    fn run<S: Simd>(self, _: S) {
+        add_row(self.target, self.source);
+    }
+}
+
+#[inline(always)]
+fn add_row<R: Real>(target: &mut [R], source: &[R]) {
+    for (t, s) in target.iter_mut().zip(source) {
+        *t = *t + *s;
     }
 }
 
@@ -64,7 +69,7 @@ struct AddPartials<'a, R> {
 
 impl<R: Real> Kernel for AddPartials<'_, R> {
     #[inline(always)]
-    fn run<F: Fma>(self) {
+    fn run<S: Simd>(self, _: S) {
         let mut sums = [R::default(); PARTIALS];
         sums.copy_from_slice(&self.partial[..PARTIALS]);
         let first = self.phase % PARTIALS;
