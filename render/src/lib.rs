@@ -5,6 +5,7 @@ pub mod bvh;
 pub mod camera;
 pub mod convention;
 pub mod environment;
+pub mod estimator;
 pub mod harmonics;
 pub mod image;
 pub mod lat_long;

@@ -13,6 +13,7 @@ use crate::environment::LightDistribution;
 use crate::lat_long::{Bilinear, LatLong};
 use crate::occluder::mask_lookup;
 use crate::sampler::{SampleKey, Stratified, Stream};
+use crate::transport::Quadrature;
 use crate::visibility::Visibility;
 
 /// A surface point to be shaded: where a camera ray met the object.
@@ -114,12 +115,41 @@ impl PathBatch {
                 batch
             })
             .collect();
-        let mut all = Self {
-            offsets: vec![0],
-            ..Self::default()
-        };
-        runs.iter().for_each(|run| all.append(run));
-        all
+        Self::join(&runs)
+    }
+
+    /// The same integral without randomness: `side` × `side` directions in every texel of the environment, each weighted by
+    /// its solid angle. It has no noise, and the bias of its grid.
+    pub fn quadrature(scene: &PathScene, points: &[ShadingPoint], side: usize) -> Self {
+        let quadrature = Quadrature::new(scene.environment_grid, side);
+        let runs: Vec<Self> = points
+            .par_iter()
+            .map(|point| {
+                let mut batch = Self {
+                    offsets: vec![0],
+                    ..Self::default()
+                };
+                batch
+                    .outgoing
+                    .push(point.surface.normal.dot(point.outgoing));
+                for texel in 0..quadrature.grid().len() {
+                    for ray in 0..quadrature.rays() {
+                        let direction = quadrature.direction(texel, ray);
+                        let uv = LatLong::coordinates(direction);
+                        batch.push(
+                            scene,
+                            point,
+                            direction,
+                            uv,
+                            quadrature.solid_angle(texel, ray),
+                        );
+                    }
+                }
+                batch.offsets.push(batch.weight.len() as u32);
+                batch
+            })
+            .collect();
+        Self::join(&runs)
     }
 
     /// The number of points.
@@ -250,6 +280,15 @@ impl PathBatch {
         let lookup = mask_lookup(scene.mask_grid, surface.position, direction, radius);
         self.mask
             .push(&lookup, |texel| texel * frames + point.frame);
+    }
+
+    fn join(runs: &[Self]) -> Self {
+        let mut all = Self {
+            offsets: vec![0],
+            ..Self::default()
+        };
+        runs.iter().for_each(|run| all.append(run));
+        all
     }
 
     fn append(&mut self, other: &Self) {
