@@ -2,16 +2,10 @@
 
 use base64::{Engine, prelude::BASE64_STANDARD};
 use glam::{Mat3, Mat4, Vec2, Vec3};
-use gltf::{
-    Accessor, Document, Node, Primitive, Semantic,
-    accessor::{DataType, Dimensions},
-    buffer,
-    json::Root,
-    mesh::Mode,
-};
+use gltf::{Document, Node, Primitive, Semantic, buffer, json::Root, mesh::Mode};
 use render::mesh::Mesh;
 
-use super::{MeshParseError, raw::RawMesh};
+use super::{MeshParseError, gltf_accessor::Buffers, raw::RawMesh};
 
 /// Deepest nesting of nodes that is followed.
 const MAX_DEPTH: usize = 256;
@@ -57,7 +51,7 @@ pub fn parse_gltf(
         .map(|buffer| fetch(&buffer, blob, load))
         .collect::<Result<Vec<_>, _>>()?;
     let mut reader = Reader {
-        buffers,
+        buffers: Buffers(buffers),
         visited: vec![false; document.nodes().count()],
         raw: RawMesh::default(),
     };
@@ -178,7 +172,7 @@ fn percent_decoded(uri: &str) -> String {
 }
 
 struct Reader {
-    buffers: Vec<Vec<u8>>,
+    buffers: Buffers,
     visited: Vec<bool>,
     raw: RawMesh,
 }
@@ -225,18 +219,18 @@ impl Reader {
         }
         let base = self.raw.positions.len();
         let count = positions.count();
-        let positions = self.floats::<3>(&positions)?;
+        let positions = self.buffers.floats::<3>(&positions)?;
         let indices = match primitive.indices() {
-            Some(accessor) => self.indices(&accessor)?,
+            Some(accessor) => self.buffers.indices(&accessor)?,
             None => (0..count as u32).collect(),
         };
         let normals = primitive
             .get(&Semantic::Normals)
-            .map(|accessor| self.floats::<3>(&accessor))
+            .map(|accessor| self.buffers.floats::<3>(&accessor))
             .transpose()?;
         let uvs = primitive
             .get(&Semantic::TexCoords(0))
-            .map(|accessor| self.floats::<2>(&accessor))
+            .map(|accessor| self.buffers.floats::<2>(&accessor))
             .transpose()?;
         if base + count > u32::MAX as usize {
             return Err(MeshParseError::Unsupported("more than 2³² vertices".into()));
@@ -308,82 +302,6 @@ impl Reader {
             self.raw.faces.push(face.map(|index| index + base as u32));
         }
         Ok(())
-    }
-
-    fn indices(&self, accessor: &Accessor) -> Result<Vec<u32>, MeshParseError> {
-        let element = |bytes: &[u8]| match (accessor.data_type(), bytes) {
-            (DataType::U8, &[a]) => Some(a.into()),
-            (DataType::U16, &[a, b]) => Some(u16::from_le_bytes([a, b]).into()),
-            (DataType::U32, &[a, b, c, d]) => Some(u32::from_le_bytes([a, b, c, d])),
-            _ => None,
-        };
-        self.elements(accessor)?
-            .map(element)
-            .collect::<Option<_>>()
-            .ok_or_else(|| syntax("its face indices are not unsigned integers".into()))
-    }
-
-    fn floats<const N: usize>(&self, accessor: &Accessor) -> Result<Vec<[f32; N]>, MeshParseError> {
-        let fits = matches!(
-            (accessor.dimensions(), N),
-            (Dimensions::Vec2, 2) | (Dimensions::Vec3, 3)
-        );
-        let element = |bytes: &[u8]| {
-            let mut values = [0.0; N];
-            let size = bytes.len() / N;
-            for (value, bytes) in values.iter_mut().zip(bytes.chunks_exact(size)) {
-                *value = match (accessor.data_type(), bytes) {
-                    (DataType::F32, &[a, b, c, d]) => f32::from_le_bytes([a, b, c, d]),
-                    (DataType::U8, &[a]) => f32::from(a) / 255.0,
-                    (DataType::U16, &[a, b]) => f32::from(u16::from_le_bytes([a, b])) / 65535.0,
-                    _ => return None,
-                };
-            }
-            Some(values)
-        };
-        let elements = self.elements(accessor)?;
-        fits.then(|| elements.map(element).collect::<Option<_>>())
-            .flatten()
-            .ok_or_else(|| syntax("positions, normals or texture coordinates are of another type than the format asks".into()))
-    }
-
-    /// The bytes of each element, checked against the buffer.
-    fn elements<'a>(
-        &'a self,
-        accessor: &Accessor<'a>,
-    ) -> Result<impl Iterator<Item = &'a [u8]>, MeshParseError> {
-        if accessor.sparse().is_some() {
-            return Err(MeshParseError::Unsupported("sparse accessors".into()));
-        }
-        let view = accessor
-            .view()
-            .ok_or_else(|| MeshParseError::Unsupported("accessors without data".into()))?;
-        let (size, count) = (accessor.size(), accessor.count());
-        let stride = view.stride().unwrap_or(size);
-        let outside = || {
-            syntax(format!(
-                "accessor {} reaches beyond its buffer",
-                accessor.index()
-            ))
-        };
-        let end = view
-            .offset()
-            .checked_add(view.length())
-            .ok_or_else(outside)?;
-        let bytes = self.buffers[view.buffer().index()]
-            .get(view.offset()..end)
-            .ok_or_else(outside)?;
-        let bytes = bytes.get(accessor.offset()..).ok_or_else(outside)?;
-        let needed = count
-            .checked_sub(1)
-            .and_then(|last| last.checked_mul(stride)?.checked_add(size));
-        if stride < size
-            || needed.is_some_and(|needed| needed > bytes.len())
-            || (count > 0 && needed.is_none())
-        {
-            return Err(outside());
-        }
-        Ok((0..count).map(move |index| &bytes[index * stride..index * stride + size]))
     }
 }
 

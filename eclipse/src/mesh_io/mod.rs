@@ -3,6 +3,7 @@
 //! glTF is y up by definition and is turned to z up, with all node transforms applied; OBJ and PLY are read raw.
 //! Texture coordinates follow glTF: v grows downwards.
 
+mod gltf_accessor;
 mod gltf_in;
 mod gltf_out;
 mod obj;
