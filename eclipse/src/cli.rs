@@ -2,8 +2,17 @@
 
 mod arguments;
 mod evaluate;
+mod synthesize;
 
-use std::{ffi::OsString, io::Write, process::ExitCode};
+use std::{
+    ffi::OsString,
+    io::Write,
+    process::ExitCode,
+    sync::{
+        Once,
+        atomic::{AtomicBool, Ordering},
+    },
+};
 
 use clap::Parser;
 
@@ -79,6 +88,7 @@ pub fn run(
     };
     let result = match &arguments.command {
         Command::Evaluate(arguments) => evaluate::run(arguments, out),
+        Command::Synthesize(arguments) => synthesize::run(arguments, out, err),
     };
     match result {
         Ok(outcome) => outcome,
@@ -87,6 +97,22 @@ pub fn run(
             failure.outcome
         }
     }
+}
+
+/// The flag that the first Ctrl-C sets; the second one ends the program at once.
+fn stop_on_interrupt() -> Result<&'static AtomicBool, Failure> {
+    static STOP: AtomicBool = AtomicBool::new(false);
+    static HANDLED: Once = Once::new();
+    let mut result = Ok(());
+    HANDLED.call_once(|| {
+        result = ctrlc::set_handler(|| {
+            if STOP.swap(true, Ordering::Relaxed) {
+                std::process::exit(Outcome::Interrupted as i32);
+            }
+        });
+    });
+    result.map_err(|error| Failure::failed(format!("cannot listen for Ctrl-C: {error}")))?;
+    Ok(&STOP)
 }
 
 /// Writes results; a reader that closed the pipe early (`| head`) is no failure.

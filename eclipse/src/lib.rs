@@ -14,3 +14,4 @@ pub mod progress;
 pub mod reconstruction;
 pub mod report;
 pub mod settings;
+pub mod synthesize;

@@ -2,7 +2,7 @@
 
 use clap::{Parser, Subcommand};
 
-use super::evaluate::EvaluateArguments;
+use super::{evaluate::EvaluateArguments, synthesize::SynthesizeArguments};
 
 /// Recovers light, materials and unseen occluders from posed photographs of an object whose shape is known.
 #[derive(Parser, Debug)]
@@ -19,4 +19,18 @@ pub(super) struct Arguments {
 pub(super) enum Command {
     /// Scores a reconstruction against a known truth.
     Evaluate(EvaluateArguments),
+    /// Renders a capture, with its truth, from a mesh, a material, an environment and occluders.
+    Synthesize(SynthesizeArguments),
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::Arguments;
+
+    #[test]
+    fn the_definition_is_consistent() {
+        Arguments::command().debug_assert();
+    }
 }

@@ -1,0 +1,240 @@
+//! `eclipse synthesize`.
+
+use std::{
+    io::Write,
+    path::{Path, PathBuf},
+};
+
+use clap::{Args, ValueEnum};
+use glam::Mat3;
+use render::{
+    bsdf::Model,
+    convention::{Convention, convert},
+    image::Image,
+    lat_long::LatLong,
+};
+
+use super::{Failure, Outcome, print, stop_on_interrupt};
+use crate::{
+    image_io::read_image,
+    mesh_io::read_mesh,
+    synthesize::{self, Occluders, Pattern, Scene, Shooting, SynthesizeError},
+};
+
+/// Rows of the environment that a capture is lit by and scored against.
+const ENVIRONMENT_ROWS: usize = 50;
+
+const EXAMPLES: &str = "Example:
+  eclipse synthesize --mesh bunny.obj --environment sky.exr --operator --out my-capture
+  eclipse reconstruct my-capture --out out/mine
+  eclipse evaluate out/mine --truth my-capture/truth";
+
+#[derive(Args, Debug)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct SynthesizeArguments {
+    /// The object: glTF, OBJ or PLY.
+    #[arg(long, value_name = "FILE")]
+    pub mesh: PathBuf,
+    /// Light from all directions, an equirectangular EXR, HDR, PNG or JPEG.
+    #[arg(long, value_name = "FILE")]
+    pub environment: PathBuf,
+    /// New folder for the capture; the truth goes to its folder `truth`.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// How the environment is laid out: blender, mitsuba, openexr, threejs or skylibs.
+    #[arg(long, value_name = "NAME", default_value = "blender")]
+    pub convention: Convention,
+    /// Reflectance.
+    #[arg(long, value_enum, default_value_t = Bsdf::Ggx)]
+    pub bsdf: Bsdf,
+    /// Mean albedo, linear R,G,B between 0 and 1.
+    #[arg(long, value_name = "R,G,B", value_delimiter = ',', num_args = 1, default_value = "0.5,0.45,0.4", value_parser = share)]
+    pub albedo: Vec<f32>,
+    /// How far smooth patches depart from the mean albedo.
+    #[arg(long, value_name = "V", default_value_t = 0.25, value_parser = share)]
+    pub variation: f32,
+    /// Roughness α of the GGX lobe.
+    #[arg(long, default_value_t = 0.6, value_parser = share)]
+    pub alpha: f32,
+    /// Specular reflectance κ at normal incidence.
+    #[arg(long, default_value_t = 0.04, value_parser = share)]
+    pub kappa: f32,
+    /// A person stands behind each camera.
+    #[arg(long, conflicts_with = "occluders")]
+    pub operator: bool,
+    /// Masks, one below the other, twice as wide as high: 1 where light passes.
+    #[arg(long, value_name = "FILE")]
+    pub occluders: Option<PathBuf>,
+    /// Photographs.
+    #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    pub frames: u16,
+    /// Pixels across and down.
+    #[arg(long, value_name = "N", default_value_t = 128, value_parser = clap::value_parser!(u16).range(8..=4096))]
+    pub resolution: u16,
+    /// Distance of the cameras in bounding radii of the object.
+    #[arg(long, value_name = "D", default_value_t = 5.0, value_parser = distance)]
+    pub distance: f32,
+    /// Standard deviation of the sensor's noise at a value of ¾.
+    #[arg(long, value_name = "S", default_value_t = 0.004, value_parser = share)]
+    pub noise: f32,
+    /// Seed of the noise.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(super) enum Bsdf {
+    Ggx,
+    Lambert,
+}
+
+pub(super) fn run(
+    arguments: &SynthesizeArguments,
+    out: &mut dyn Write,
+    err: &mut dyn Write,
+) -> Result<Outcome, Failure> {
+    let scene = Scene {
+        mesh: read_mesh(&arguments.mesh).map_err(Failure::bad_input)?,
+        environment: environment(&arguments.environment, arguments.convention)?,
+        model: match arguments.bsdf {
+            Bsdf::Ggx => Model::Microfacet,
+            Bsdf::Lambert => Model::Lambertian,
+        },
+        albedo: Pattern {
+            mean: albedo(&arguments.albedo)?,
+            variation: arguments.variation,
+        },
+        alpha: arguments.alpha,
+        kappa: arguments.kappa,
+        occluders: match &arguments.occluders {
+            Some(path) => Occluders::Masks(masks(path)?),
+            None if arguments.operator => Occluders::Operator,
+            None => Occluders::None,
+        },
+    };
+    let shooting = Shooting {
+        frames: usize::from(arguments.frames),
+        resolution: usize::from(arguments.resolution),
+        distance: arguments.distance,
+        noise: arguments.noise,
+        seed: arguments.seed,
+    };
+    let stop = stop_on_interrupt()?;
+    let err = std::cell::RefCell::new(err);
+    let progress = |frame: usize| {
+        // Progress that cannot be shown is no reason to stop.
+        let _ = write!(
+            err.borrow_mut(),
+            "\rframe {}/{} ",
+            frame + 1,
+            shooting.frames
+        );
+        !stop.load(std::sync::atomic::Ordering::Relaxed)
+    };
+    let made = synthesize::synthesize(&scene, &shooting, progress);
+    let _ = writeln!(err.borrow_mut());
+    let made = match made {
+        Err(error @ SynthesizeError::Stopped) => {
+            return Err(Failure {
+                outcome: Outcome::Interrupted,
+                message: error.to_string(),
+            });
+        }
+        made => made.map_err(Failure::bad_input)?,
+    };
+    synthesize::write(&arguments.out, &scene, &made).map_err(Failure::failed)?;
+    print(out, &format!("wrote {}\n", arguments.out.display()))?;
+    Ok(Outcome::Done)
+}
+
+/// The environment in our convention, averaged onto the grid that reconstructions use.
+fn environment(path: &Path, convention: Convention) -> Result<Image, Failure> {
+    let image = read_image(path, None).map_err(Failure::bad_input)?;
+    let rgb = |pixel: &[f32]| {
+        if pixel.len() < 3 {
+            [pixel[0]; 3]
+        } else {
+            [pixel[0], pixel[1], pixel[2]]
+        }
+    };
+    let data = image
+        .data
+        .chunks_exact(image.channels)
+        .flat_map(rgb)
+        .collect();
+    let image = Image {
+        channels: 3,
+        data,
+        ..image
+    };
+    let parts = image.height.div_ceil(ENVIRONMENT_ROWS);
+    let rows = ENVIRONMENT_ROWS * parts;
+    let fine = convert(
+        &image,
+        convention,
+        Convention::Blender,
+        LatLong::new(rows, 2 * rows),
+        Mat3::IDENTITY,
+    );
+    let mut map = Image::filled(2 * ENVIRONMENT_ROWS, ENVIRONMENT_ROWS, 3, 0.0);
+    let share = 1.0 / (parts * parts) as f32;
+    for (index, pixel) in fine.data.chunks_exact(3).enumerate() {
+        let (row, column) = (index / fine.width, index % fine.width);
+        let sum = map.pixel_mut(column / parts, row / parts);
+        (0..3).for_each(|channel| sum[channel] += share * pixel[channel]);
+    }
+    Ok(map)
+}
+
+/// Maps stacked one below the other.
+fn masks(path: &Path) -> Result<Vec<Image>, Failure> {
+    let stack = read_image(path, None).map_err(Failure::bad_input)?;
+    let height = stack.width / 2;
+    if height == 0 || !stack.height.is_multiple_of(height) {
+        let (width, height) = (stack.width, stack.height);
+        return Err(Failure::bad_input(format!(
+            "{} is {width} × {height}; expected maps twice as wide as high, stacked one below the other",
+            path.display()
+        )));
+    }
+    let maps = stack
+        .data
+        .chunks_exact(height * stack.width * stack.channels);
+    let first = |map: &[f32]| {
+        map.iter()
+            .step_by(stack.channels)
+            .map(|v| v.clamp(0.0, 1.0))
+            .collect()
+    };
+    Ok(maps
+        .map(|map| Image {
+            width: stack.width,
+            height,
+            channels: 1,
+            data: first(map),
+        })
+        .collect())
+}
+
+fn albedo(values: &[f32]) -> Result<[f32; 3], Failure> {
+    values.try_into().map_err(|_| Failure {
+        outcome: Outcome::Usage,
+        message: format!("--albedo needs three numbers R,G,B, not {}", values.len()),
+    })
+}
+
+fn share(text: &str) -> Result<f32, String> {
+    number(text, 0.0, 1.0)
+}
+
+fn distance(text: &str) -> Result<f32, String> {
+    number(text, 1.2, 1000.0)
+}
+
+fn number(text: &str, least: f32, most: f32) -> Result<f32, String> {
+    let value = text
+        .parse()
+        .ok()
+        .filter(|value| (least..=most).contains(value));
+    value.ok_or_else(|| format!("`{text}` is not a number between {least} and {most}"))
+}
