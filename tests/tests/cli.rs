@@ -1,0 +1,183 @@
+//! The program as a user meets it: output, messages, exit codes.
+
+use std::{
+    fs,
+    path::Path,
+    process::{Command, Output},
+};
+
+use eclipse::{
+    capture::{Capture, LoadOptions},
+    output,
+    report::ReportOptions,
+};
+use eclipse_tests::perfect;
+
+fn eclipse(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_eclipse-under-test"))
+        .args(arguments)
+        .output()
+        .unwrap()
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+fn stdout(output: &Output) -> String {
+    String::from_utf8(output.stdout.clone()).unwrap()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+#[test]
+fn help_has_examples_and_the_exit_codes_and_succeeds() {
+    let help = eclipse(&["--help"]);
+    assert_eq!(help.status.code(), Some(0));
+    assert!(
+        stdout(&help)
+            .contains("Exit codes: 0 done, 1 failed, 2 wrong usage, 3 bad input, 130 interrupted")
+    );
+    for command in ["evaluate", "synthesize"] {
+        let help = eclipse(&[command, "--help"]);
+        assert_eq!(help.status.code(), Some(0));
+        assert!(stdout(&help).contains("Example"), "{command}");
+    }
+    assert!(stdout(&eclipse(&["--version"])).starts_with("eclipse "));
+}
+
+#[test]
+fn wrong_usage_exits_with_two_and_prints_no_results() {
+    for arguments in [
+        &["nonsense"][..],
+        &[],
+        &["evaluate"],
+        &["evaluate", "somewhere"],
+    ] {
+        let output = eclipse(arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        assert!(
+            stdout(&output).is_empty() && stderr(&output).contains("Usage"),
+            "{arguments:?}"
+        );
+    }
+}
+
+#[test]
+fn evaluate_prints_a_table_or_json() {
+    let capture = perfect::capture();
+    let folder = tempfile::tempdir().unwrap();
+    let options = ReportOptions::default();
+    output::write(
+        folder.path(),
+        &capture,
+        &perfect::reconstruction(&capture),
+        &options,
+    )
+    .unwrap();
+    let truth = perfect::bundled().join("truth");
+    let arguments = ["evaluate", text(folder.path()), "--truth", text(&truth)];
+
+    let table = eclipse(&arguments);
+    assert_eq!(table.status.code(), Some(0), "{}", stderr(&table));
+    assert!(stdout(&table).contains("relative RMSE, aligned"));
+    assert!(stdout(&table).contains("41.250"));
+
+    let json = eclipse(&[&arguments[..], &["--json"]].concat());
+    let json: serde_json::Value = serde_json::from_str(&stdout(&json)).unwrap();
+    assert_eq!(json["occluders"]["iou"], 1.0);
+    assert_eq!(json["photometric"]["psnr"], 41.25);
+}
+
+#[test]
+fn bad_input_exits_with_three_and_one_message() {
+    let empty = tempfile::tempdir().unwrap();
+    let truth = perfect::bundled().join("truth");
+    let output = eclipse(&["evaluate", text(empty.path()), "--truth", text(&truth)]);
+    assert_eq!(output.status.code(), Some(3));
+    let message = stderr(&output);
+    assert!(
+        message.starts_with("error: ") && message.contains("environment.exr"),
+        "{message}"
+    );
+    assert_eq!(message.lines().count(), 1);
+}
+
+#[test]
+fn synthesize_makes_a_capture_that_loads_with_its_truth() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mesh, map, made) = (
+        folder.path().join("m.obj"),
+        folder.path().join("e.png"),
+        folder.path().join("made"),
+    );
+    fs::write(
+        &mesh,
+        "v 9 0 0\nv 10 0 0\nv 9 1 0\nv 9 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n",
+    )
+    .unwrap();
+    eclipse::image_io::write_png8(&map, &render::image::Image::filled(8, 4, 3, 0.5)).unwrap();
+    let arguments = [
+        "synthesize",
+        "--mesh",
+        text(&mesh),
+        "--environment",
+        text(&map),
+        "--operator",
+        "--bsdf",
+        "lambert",
+        "--frames",
+        "3",
+        "--resolution",
+        "12",
+        "--variation",
+        "0",
+        "--noise",
+        "0",
+        "--out",
+        text(&made),
+    ];
+    let output = eclipse(&arguments);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert!(stdout(&output).contains("wrote"));
+
+    // Twelve pixels are too few to compare silhouettes closely.
+    let options = LoadOptions {
+        min_overlap: 0.5,
+        ..Default::default()
+    };
+    let capture = Capture::load(&made, &options).unwrap();
+    assert_eq!(capture.frames.len(), 3);
+    assert!((capture.centre - glam::Vec3::new(9.5, 0.5, 0.5)).length() < 1e-5);
+    let albedo = eclipse::image_io::read_exr(&made.join("truth/albedo_002.exr")).unwrap();
+    let seen: Vec<&[f32]> = albedo
+        .data
+        .chunks_exact(3)
+        .filter(|pixel| pixel[0] > 0.0)
+        .collect();
+    assert!(seen.len() > 10);
+    for pixel in seen {
+        assert!(
+            (pixel[0] - 0.5).abs() < 1e-3 && (pixel[2] - 0.4).abs() < 1e-3,
+            "{pixel:?}"
+        );
+    }
+    let masks = eclipse::image_io::read_exr(&made.join("truth/occluders.exr")).unwrap();
+    assert_eq!((masks.width, masks.height), (100, 150));
+    // A grey albedo below one under light of 0.214 (linear of ½) cannot shine brighter than that.
+    let brightest = capture
+        .frames
+        .iter()
+        .flat_map(|frame| &frame.image.data)
+        .fold(0.0f32, |a, &b| a.max(b));
+    assert!(
+        brightest > 0.02 && brightest < 0.214 * 0.5 + 1e-3,
+        "{brightest}"
+    );
+
+    let again = eclipse(&arguments);
+    assert_eq!(again.status.code(), Some(1));
+    assert!(stderr(&again).contains("not empty"), "{}", stderr(&again));
+}
