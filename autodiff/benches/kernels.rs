@@ -1,7 +1,7 @@
 //! The two kernels that decide whether the tape is fast enough, each against a hand-written counterpart, interleaved in one
 //! run: GGX shading (with its gradient), and the contraction of coefficients with interpolated rows.
 //!
-//! `cargo bench -p autodiff --bench kernels -- [threads]`
+//! `cargo bench -p autodiff --bench kernels -- [threads] [shading] [contraction]`
 
 mod contraction;
 mod shading;
@@ -14,8 +14,20 @@ fn main() {
         .expect("a thread pool");
     pool.install(|| {
         println!("threads: {}", rayon::current_num_threads());
-        shading::run();
-        contraction::run();
+        // Names of kernels may be given to run only those.
+        let wanted = |name: &str| {
+            let mut names = std::env::args()
+                .skip(1)
+                .filter(|arg| ["shading", "contraction"].contains(&arg.as_str()))
+                .peekable();
+            names.peek().is_none() || names.any(|arg| arg == name)
+        };
+        if wanted("shading") {
+            shading::run();
+        }
+        if wanted("contraction") {
+            contraction::run();
+        }
     });
 }
 

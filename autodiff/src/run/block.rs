@@ -38,6 +38,8 @@ pub(super) struct Env<'a, R> {
     pub stride: usize,
     pub values: &'a [Whole<R>],
     pub tangents: &'a [Whole<R>],
+    pub tables: &'a [Buffer<R>],
+    pub table_tangents: &'a [Buffer<R>],
     pub adjoints: &'a [Whole<R>],
     pub indices: &'a [std::sync::Arc<[u32]>],
     /// Nodes whose tangent is not zero.
@@ -93,6 +95,20 @@ impl<R: Real> Worker<R> {
 pub(super) struct View<'a, R> {
     pub local: &'a [Buffer<R>],
     pub whole: &'a [Whole<R>],
+    /// Whole values in the order of tables, where they differ.
+    pub tables: &'a [Buffer<R>],
+}
+
+impl<'a, R: Real> View<'a, R> {
+    /// A whole value as a table: `[lane][channel][axis]`.
+    #[inline(always)]
+    pub fn table(self, env: &Env<R>, id: NodeId) -> &'a [R] {
+        if env.channels(id) == 1 {
+            self.whole[id].as_slice()
+        } else {
+            self.tables[id].as_slice()
+        }
+    }
 }
 
 impl<R> Clone for View<'_, R> {

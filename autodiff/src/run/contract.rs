@@ -103,6 +103,7 @@ pub(super) fn pull<R: Real>(
     let view = View {
         local: &worker.values,
         whole: env.values,
+        tables: env.tables,
     };
     let channels = env.channels(id);
     let (single, shared) = (env.channels(target) == 1, env.channels(other) == 1);

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::block::{Env, Whole, Worker};
 use super::chunk::{Chunk, ensure, pull_len, sink_len, spans, store_len, widest};
+use super::lookup::{deinterleave, interleave};
 use super::passes;
 use super::rows::{PARTIALS, put, total};
 use super::sizes::{Extent, Sizes};
@@ -19,11 +20,16 @@ use crate::real::Real;
 /// How many times larger than others a value along an axis may be in a block.
 const WIDE: usize = 16;
 
+/// Elements of a table that one task adds up.
+const SHARE: usize = 1 << 16;
+
 /// All that a run changes, for one scalar type.
 pub(super) struct State<R> {
     pub extent: Extent,
     pub values: Vec<Whole<R>>,
     pub tangents: Vec<Whole<R>>,
+    tables: Vec<Buffer<R>>,
+    table_tangents: Vec<Buffer<R>>,
     pub adjoints: Vec<Whole<R>>,
     /// Elements of each node's whole array.
     pub lengths: Vec<usize>,
@@ -75,6 +81,8 @@ impl<R: Real> State<R> {
         let mut state = State {
             values: empty(),
             tangents: empty(),
+            tables: vec![Buffer::zeros(0); nodes],
+            table_tangents: vec![Buffer::zeros(0); nodes],
             adjoints: empty(),
             lengths: program
                 .nodes
@@ -118,6 +126,7 @@ impl<R: Real> State<R> {
 
     /// Heap bytes held.
     pub fn bytes(&self) -> usize {
+        let tables = [&self.tables, &self.table_tangents].into_iter().flatten();
         let whole = [&self.values, &self.tangents, &self.adjoints];
         let whole = whole.into_iter().flatten().map(|array| match array {
             Whole::Owned(buffer) => buffer.bytes(),
@@ -130,6 +139,7 @@ impl<R: Real> State<R> {
         whole.sum::<usize>()
             + chunks.sum::<usize>()
             + self.workers.iter().map(Worker::bytes).sum::<usize>()
+            + tables.map(Buffer::bytes).sum::<usize>()
             + self.column.bytes()
     }
 
@@ -161,11 +171,38 @@ impl<R: Real> State<R> {
                 }
                 continue;
             }
+            self.interleave(program, p, tangents);
             self.prepare(program, p, pass);
             self.run(program, p, |env, worker, chunk| {
                 passes::forward(env, worker, chunk, tangents)
             });
             self.assemble_values(program, p, tangents);
+        }
+    }
+
+    /// Brings the tables that a phase looks up into their order.
+    fn interleave(&mut self, program: &Program, p: usize, tangents: bool) {
+        for &id in &program.phases[p].nodes {
+            if !matches!(program.nodes[id].op, Op::Gather(_) | Op::GatherWeighted(_)) {
+                continue;
+            }
+            let table = program.nodes[id].inputs[0];
+            let shape = program.nodes[table].shape;
+            if shape.channels == 1 {
+                continue;
+            }
+            let axis = self.extent.axis(shape.axis);
+            let values = self.values[table].as_slice();
+            interleave(values, shape.channels, axis, &mut self.tables[table]);
+            if tangents && self.moving[table] {
+                let values = self.tangents[table].as_slice();
+                interleave(
+                    values,
+                    shape.channels,
+                    axis,
+                    &mut self.table_tangents[table],
+                );
+            }
         }
     }
 
@@ -306,6 +343,8 @@ impl<R: Real> State<R> {
             stride: self.strides[p],
             values: &self.values,
             tangents: &self.tangents,
+            tables: &self.tables,
+            table_tangents: &self.table_tangents,
             adjoints: &self.adjoints,
             indices: &self.indices,
             moving: &self.moving,
@@ -371,7 +410,11 @@ impl<R: Real> State<R> {
             let layout = Layout::new(program, &self.extent, id, pull.kind);
             let chunks = &mut self.chunks[p];
             let target = target.as_mut_slice();
-            layout.assemble(self.arch, chunks, |chunk| &chunk.pull[i], target, add);
+            if pull.kind == PullKind::Table {
+                layout.assemble_table(self.arch, chunks, i, target, add);
+            } else {
+                layout.assemble(self.arch, chunks, |chunk| &chunk.pull[i], target, add);
+            }
         }
     }
 
@@ -448,6 +491,38 @@ impl Layout {
         }
     }
 
+    /// Adds up the chunks' tables, chunk after chunk, and writes or adds the sum to `target`.
+    fn assemble_table<R: Real>(
+        &self,
+        arch: Arch,
+        chunks: &mut [Mutex<Chunk<R>>],
+        pull: usize,
+        target: &mut [R],
+        add: bool,
+    ) {
+        let [first, others @ ..] = chunks else { return };
+        let first = first.get_mut().unwrap_or_else(PoisonError::into_inner);
+        let mut sum = std::mem::take(&mut first.pull[pull]);
+        let others: &[Mutex<Chunk<R>>] = others;
+        sum.as_mut_slice()
+            .par_chunks_mut(SHARE)
+            .enumerate()
+            .for_each(|(share, sum)| {
+                for chunk in others {
+                    let chunk = chunk.lock().unwrap_or_else(PoisonError::into_inner);
+                    let start = share * SHARE;
+                    let part = &chunk.pull[pull].as_slice()[start..start + sum.len()];
+                    put(arch, sum, part, true);
+                }
+            });
+        if self.channels == 1 {
+            put(arch, target, sum.as_slice(), add);
+        } else {
+            deinterleave(sum.as_slice(), self.channels, self.axis, target, add);
+        }
+        first.pull[pull] = sum;
+    }
+
     /// Writes, or adds, the chunks' results to `target`, chunk after chunk.
     fn assemble<R: Real>(
         &self,
@@ -480,7 +555,7 @@ impl Layout {
                         let sum = total(&source[c * PARTIALS..(c + 1) * PARTIALS]);
                         target[c] = target[c] + sum;
                     }
-                    PullKind::Uniform | PullKind::Table | PullKind::Weight => {
+                    _ => {
                         let target = &mut target[c * row..(c + 1) * row];
                         put(arch, target, &source[c * row..(c + 1) * row], true);
                     }

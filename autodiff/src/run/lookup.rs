@@ -1,91 +1,203 @@
 //! Gathers from whole tables and their adjoint, scatter-add into a chunk's private table.
+//!
+//! A lookup needs all channels of a row at once, so tables of several channels are read from, and scattered into, a copy in
+//! the order `[lane][channel][axis]`: one cache line instead of one for each channel.
 
 use pulp::{Arch, Simd};
 
+use crate::buffer::Buffer;
 use crate::op::kernel::{Kernel, dispatch};
 use crate::real::Real;
 
-/// `target[lane] = table[index[lane]]` for one channel.
-pub(super) fn gather<R: Real>(table: &[R], axis: usize, index: &[u32], target: &mut [R]) {
-    if axis == 1 {
-        for (t, &i) in target.iter_mut().zip(index) {
-            *t = table[i as usize];
-        }
-    } else {
-        for (t, &i) in target.chunks_exact_mut(axis).zip(index) {
-            let i = i as usize * axis;
-            t.copy_from_slice(&table[i..i + axis]);
+/// Rows of a table, and of the block looked up.
+#[derive(Clone, Copy)]
+pub(super) struct Rows {
+    pub channels: usize,
+    pub axis: usize,
+    /// Elements between channels in the block.
+    pub pitch: usize,
+}
+
+impl Rows {
+    /// Elements of a row of the table.
+    fn width(self) -> usize {
+        self.channels * self.axis
+    }
+}
+
+/// Brings a whole array into the order of a table.
+pub(super) fn interleave<R: Real>(
+    whole: &[R],
+    channels: usize,
+    axis: usize,
+    table: &mut Buffer<R>,
+) {
+    table.ensure(whole.len());
+    let lanes = whole.len() / (channels * axis).max(1);
+    let table = table.as_mut_slice();
+    for c in 0..channels {
+        for lane in 0..lanes {
+            let (from, to) = ((c * lanes + lane) * axis, (lane * channels + c) * axis);
+            table[to..to + axis].copy_from_slice(&whole[from..from + axis]);
         }
     }
 }
 
-/// `table[index[lane]] += source[lane]` for one channel, lanes in order. A source of exactly zero is left out.
-pub(super) fn scatter<R: Real>(
-    arch: Arch,
-    table: &mut [R],
+/// Adds a table to a whole array, or replaces it.
+pub(super) fn deinterleave<R: Real>(
+    table: &[R],
+    channels: usize,
     axis: usize,
-    index: &[u32],
-    source: &[R],
+    whole: &mut [R],
+    add: bool,
 ) {
-    if axis == 1 {
-        for (s, &i) in source.iter().zip(index) {
-            let t = &mut table[i as usize];
-            *t = *t + *s;
-        }
-    } else {
-        for (s, &i) in source.chunks_exact(axis).zip(index) {
-            let i = i as usize * axis;
-            super::rows::put(arch, &mut table[i..i + axis], s, true);
+    let lanes = whole.len() / (channels * axis).max(1);
+    for c in 0..channels {
+        for lane in 0..lanes {
+            let (to, from) = ((c * lanes + lane) * axis, (lane * channels + c) * axis);
+            for k in 0..axis {
+                let x = table[from + k];
+                whole[to + k] = if add { whole[to + k] + x } else { x };
+            }
         }
     }
 }
+
+/// `block[lane] = table[index[lane]]`.
+pub(super) fn gather<R: Real>(table: &[R], rows: Rows, index: &[u32], block: &mut [R]) {
+    let Rows {
+        channels,
+        axis,
+        pitch,
+    } = rows;
+    if channels == 1 && axis == 1 {
+        for (t, &i) in block.iter_mut().zip(index) {
+            *t = table[i as usize];
+        }
+    } else if channels == 3 && axis == 1 {
+        let (red, rest) = block.split_at_mut(pitch);
+        let (green, blue) = rest.split_at_mut(pitch);
+        let n = index.len();
+        let (red, green, blue) = (&mut red[..n], &mut green[..n], &mut blue[..n]);
+        for (lane, &i) in index.iter().enumerate() {
+            let row = &table[3 * i as usize..3 * i as usize + 3];
+            red[lane] = row[0];
+            green[lane] = row[1];
+            blue[lane] = row[2];
+        }
+    } else {
+        for (lane, &i) in index.iter().enumerate() {
+            let row = &table[i as usize * rows.width()..];
+            for c in 0..channels {
+                let start = c * pitch + lane * axis;
+                block[start..start + axis].copy_from_slice(&row[c * axis..(c + 1) * axis]);
+            }
+        }
+    }
+}
+
+/// `table[index[lane]] += block[lane]`, lanes in order.
+pub(super) fn scatter<R: Real>(
+    arch: Arch,
+    table: &mut [R],
+    rows: Rows,
+    index: &[u32],
+    block: &[R],
+) {
+    let Rows {
+        channels,
+        axis,
+        pitch,
+    } = rows;
+    if channels == 1 && axis == 1 {
+        for (s, &i) in block.iter().zip(index) {
+            let t = &mut table[i as usize];
+            *t = *t + *s;
+        }
+    } else if channels == 3 && axis == 1 {
+        let n = index.len();
+        let (red, green) = (&block[..n], &block[pitch..pitch + n]);
+        let blue = &block[2 * pitch..2 * pitch + n];
+        for (lane, &i) in index.iter().enumerate() {
+            let row = &mut table[3 * i as usize..3 * i as usize + 3];
+            row[0] = row[0] + red[lane];
+            row[1] = row[1] + green[lane];
+            row[2] = row[2] + blue[lane];
+        }
+    } else {
+        for (lane, &i) in index.iter().enumerate() {
+            for c in 0..channels {
+                let (to, from) = (
+                    i as usize * rows.width() + c * axis,
+                    c * pitch + lane * axis,
+                );
+                let target = &mut table[to..to + axis];
+                super::rows::put(arch, target, &block[from..from + axis], true);
+            }
+        }
+    }
+}
+
+/// An index array and the weights of its rows.
+pub(super) type Corner<'a, R> = (&'a [u32], &'a [R]);
 
 /// Corners looked up together by one call; more corners take several.
 const CORNERS: usize = 4;
 
-/// `target[lane] (+)= sum_k weight_k[lane] table[index_k[lane]]` for one channel.
+/// `block[lane] (+)= sum_k weight_k[lane] table[index_k[lane]]`.
 pub(super) fn gather_weighted<R: Real>(
     arch: Arch,
     table: &[R],
-    axis: usize,
-    corners: &[(&[u32], &[R])],
-    target: &mut [R],
-    mut add: bool,
+    rows: Rows,
+    lanes: usize,
+    corners: &[Corner<R>],
+    block: &mut [R],
+    first: bool,
 ) {
-    let mut groups = corners.chunks_exact(CORNERS);
-    for group in groups.by_ref() {
-        let corners: [_; CORNERS] = std::array::from_fn(|k| group[k]);
-        dispatch(
-            arch,
-            Interpolate {
-                table,
-                axis,
-                corners,
-                target: &mut *target,
-                add,
-            },
-        );
-        add = true;
-    }
-    for &corner in groups.remainder() {
-        dispatch(
-            arch,
-            Interpolate {
-                table,
-                axis,
-                corners: [corner],
-                target: &mut *target,
-                add,
-            },
-        );
-        add = true;
+    for channel in 0..rows.channels {
+        let start = channel * rows.pitch;
+        let target = &mut block[start..start + lanes * rows.axis];
+        let mut add = !first;
+        let mut groups = corners.chunks_exact(CORNERS);
+        for group in groups.by_ref() {
+            let corners: [_; CORNERS] = std::array::from_fn(|k| group[k]);
+            let target = &mut *target;
+            dispatch(
+                arch,
+                Interpolate {
+                    table,
+                    rows,
+                    channel,
+                    corners,
+                    target,
+                    add,
+                },
+            );
+            add = true;
+        }
+        for &corner in groups.remainder() {
+            let (corners, target) = ([corner], &mut *target);
+            dispatch(
+                arch,
+                Interpolate {
+                    table,
+                    rows,
+                    channel,
+                    corners,
+                    target,
+                    add,
+                },
+            );
+            add = true;
+        }
     }
 }
 
 struct Interpolate<'a, R, const N: usize> {
     table: &'a [R],
-    axis: usize,
-    corners: [(&'a [u32], &'a [R]); N],
+    rows: Rows,
+    channel: usize,
+    corners: [Corner<'a, R>; N],
     target: &'a mut [R],
     add: bool,
 }
@@ -93,12 +205,29 @@ struct Interpolate<'a, R, const N: usize> {
 impl<R: Real, const N: usize> Kernel for Interpolate<'_, R, N> {
     #[inline(always)]
     fn run<S: Simd>(self, simd: S) {
-        let axis = self.axis;
+        let (axis, width) = (self.rows.axis, self.rows.width());
+        let offset = self.channel * axis;
+        let mut corners = self.corners;
+        let lanes = self.target.len() / axis;
+        for k in 0..N {
+            corners[k] = (&corners[k].0[..lanes], &corners[k].1[..lanes]);
+        }
+        if axis == 1 {
+            for (lane, target) in self.target.iter_mut().enumerate() {
+                let mut sum = if self.add { *target } else { R::default() };
+                for (index, weight) in corners {
+                    let x = self.table[index[lane] as usize * width + offset];
+                    sum = weight[lane].mul_add::<S>(x, sum);
+                }
+                *target = sum;
+            }
+            return;
+        }
         for (lane, target) in self.target.chunks_exact_mut(axis).enumerate() {
             let mut rows = [(&self.table[..0], R::default()); N];
             for k in 0..N {
-                let i = self.corners[k].0[lane] as usize * axis;
-                rows[k] = (&self.table[i..i + axis], self.corners[k].1[lane]);
+                let i = corners[k].0[lane] as usize * width + offset;
+                rows[k] = (&self.table[i..i + axis], corners[k].1[lane]);
             }
             let (packs, rest) = R::packs_mut::<S>(target);
             let first = axis - rest.len();
@@ -125,40 +254,49 @@ impl<R: Real, const N: usize> Kernel for Interpolate<'_, R, N> {
     }
 }
 
-/// `table[index_k[lane]] += weight_k[lane] source[lane]` for one channel: lanes in order, corners in order within a lane.
+/// `table[index_k[lane]] += weight_k[lane] block[lane]`: lanes in order, corners in order within a lane.
 pub(super) fn scatter_weighted<R: Real>(
     arch: Arch,
     table: &mut [R],
-    axis: usize,
-    corners: &[(&[u32], &[R])],
-    source: &[R],
+    rows: Rows,
+    lanes: usize,
+    corners: &[Corner<R>],
+    block: &[R],
 ) {
-    dispatch(
-        arch,
-        ScatterWeighted {
-            table,
-            axis,
-            corners,
-            source,
-        },
-    );
+    for channel in 0..rows.channels {
+        let start = channel * rows.pitch;
+        let source = &block[start..start + lanes * rows.axis];
+        let table = &mut *table;
+        dispatch(
+            arch,
+            ScatterWeighted {
+                table,
+                rows,
+                channel,
+                corners,
+                source,
+            },
+        );
+    }
 }
 
 struct ScatterWeighted<'a, R> {
     table: &'a mut [R],
-    axis: usize,
-    corners: &'a [(&'a [u32], &'a [R])],
+    rows: Rows,
+    channel: usize,
+    corners: &'a [Corner<'a, R>],
     source: &'a [R],
 }
 
 impl<R: Real> Kernel for ScatterWeighted<'_, R> {
     #[inline(always)]
     fn run<S: Simd>(self, simd: S) {
-        let axis = self.axis;
+        let (axis, width) = (self.rows.axis, self.rows.width());
+        let offset = self.channel * axis;
         for (lane, row) in self.source.chunks_exact(axis).enumerate() {
             let (source, source_rest) = R::packs::<S>(row);
             for (index, weight) in self.corners {
-                let (i, weight) = (index[lane] as usize * axis, weight[lane]);
+                let (i, weight) = (index[lane] as usize * width + offset, weight[lane]);
                 let (target, rest) = R::packs_mut::<S>(&mut self.table[i..i + axis]);
                 let factor = R::splat(simd, weight);
                 for (t, x) in target.iter_mut().zip(source) {
@@ -172,19 +310,26 @@ impl<R: Real> Kernel for ScatterWeighted<'_, R> {
     }
 }
 
-/// `target[lane] += <table[index[lane]], source[lane]>` for one channel: the adjoint of a weight.
+/// `target[lane] (+)= <table[index[lane]], block[lane]>`: the adjoint of a weight.
 pub(super) fn pull_weight<R: Real>(
     table: &[R],
-    axis: usize,
+    rows: Rows,
     index: &[u32],
-    source: &[R],
+    block: &[R],
     target: &mut [R],
+    add: bool,
 ) {
-    for (lane, row) in source.chunks_exact(axis).enumerate() {
-        let i = index[lane] as usize * axis;
-        for (x, s) in table[i..i + axis].iter().zip(row) {
-            let product = if s.is_zero() { *s } else { *x * *s };
-            target[lane] = target[lane] + product;
+    for (lane, (&i, target)) in index.iter().zip(target).enumerate() {
+        let row = &table[i as usize * rows.width()..(i as usize + 1) * rows.width()];
+        let mut sum = R::default();
+        for (c, row) in row.chunks_exact(rows.axis).enumerate() {
+            let start = c * rows.pitch + lane * rows.axis;
+            for (x, g) in row.iter().zip(&block[start..start + rows.axis]) {
+                if !g.is_zero() {
+                    sum = sum + *x * *g;
+                }
+            }
         }
+        *target = if add { *target + sum } else { sum };
     }
 }

@@ -8,7 +8,7 @@ use super::block::{
 use super::chunk::Chunk;
 use super::contract;
 use super::linear::{self, add_lanes};
-use super::lookup;
+use super::lookup::{self, Rows};
 use super::matmul::{Matrix, Outer, Product, outer, product};
 use super::segments::{collect, expand};
 use crate::buffer::Buffer;
@@ -157,10 +157,7 @@ fn value<R: Real>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes, id: NodeId
     let slot = env.slot(id);
     let mut out = take(&mut worker.values[slot]);
     let mut scratch = take(&mut worker.scratch);
-    let view = View {
-        local: &worker.values,
-        whole: env.values,
-    };
+    let view = values(env, worker);
     let node = &env.program.nodes[id];
     match &node.op {
         Op::Element(element) => {
@@ -195,14 +192,8 @@ fn tangent<R: Real>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes, id: Node
     let slot = env.slot(id);
     let mut out = take(&mut worker.tangents[slot]);
     let mut scratch = take(&mut worker.scratch);
-    let values = View {
-        local: &worker.values,
-        whole: env.values,
-    };
-    let tangents = View {
-        local: &worker.tangents,
-        whole: env.tangents,
-    };
+    let values = values(env, worker);
+    let tangents = tangents_of(env, worker);
     let node = &env.program.nodes[id];
     let moving = |id: NodeId| env.moving[id];
     match &node.op {
@@ -276,6 +267,24 @@ fn tangent<R: Real>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes, id: Node
     worker.scratch = scratch;
 }
 
+/// Values as seen from a block.
+fn values<'v, R: Real>(env: &Env<'v, R>, worker: &'v Worker<R>) -> View<'v, R> {
+    View {
+        local: &worker.values,
+        whole: env.values,
+        tables: env.tables,
+    }
+}
+
+/// Tangents as seen from a block.
+fn tangents_of<'v, R: Real>(env: &Env<'v, R>, worker: &'v Worker<R>) -> View<'v, R> {
+    View {
+        local: &worker.tangents,
+        whole: env.tangents,
+        tables: env.table_tangents,
+    }
+}
+
 /// One channel of each operand.
 fn operands<'v, R: Real>(
     env: &Env<R>,
@@ -308,11 +317,12 @@ fn push_linear<R: Real>(
     match node.op {
         Op::Gather(index) => {
             let index = &env.indices[index][lanes.start..lanes.start + lanes.len];
-            for c in 0..node.shape.channels {
-                let table = &view.whole[input].as_slice()[c * all..(c + 1) * all];
-                let out = &mut out.as_mut_slice()[c * pitch..c * pitch + len];
-                lookup::gather(table, axis, index, out);
-            }
+            lookup::gather(
+                view.table(env, input),
+                rows(env, id),
+                index,
+                out.as_mut_slice(),
+            );
         }
         Op::Expand => {
             for c in 0..node.shape.channels {
@@ -363,18 +373,20 @@ fn interpolate<R: Real>(
     all_weights: bool,
     out: &mut Buffer<R>,
 ) {
-    let (pitch, axis) = (env.pitch(id), env.axis(id));
-    let table = env.program.nodes[id].inputs[0];
-    let all = env.all_lanes(table) * axis;
-    for c in 0..env.channels(id) {
-        let rows = &tables.whole[table].as_slice()[c * all..(c + 1) * all];
-        let out = &mut out.as_mut_slice()[c * pitch..c * pitch + lanes.len * axis];
-        let mut add = !first;
-        let wanted = |weight: NodeId| all_weights || env.moving[weight];
-        with_corners(env, lanes, id, weights, wanted, |corners| {
-            lookup::gather_weighted(env.arch, rows, axis, corners, out, add);
-            add = true;
-        });
+    let table = tables.table(env, env.program.nodes[id].inputs[0]);
+    let wanted = |weight: NodeId| all_weights || env.moving[weight];
+    with_corners(env, lanes, id, weights, wanted, |corners| {
+        let (rows, out) = (rows(env, id), out.as_mut_slice());
+        lookup::gather_weighted(env.arch, table, rows, lanes.len, corners, out, first);
+    });
+}
+
+/// The layout of a lookup.
+fn rows<R: Real>(env: &Env<R>, id: NodeId) -> Rows {
+    Rows {
+        channels: env.channels(id),
+        axis: env.axis(id),
+        pitch: env.pitch(id),
     }
 }
 
@@ -453,14 +465,8 @@ fn accumulate<R: Real>(
 ) {
     let node = &env.program.nodes[id];
     let mut scratch = take(&mut worker.scratch);
-    let values = View {
-        local: &worker.values,
-        whole: env.values,
-    };
-    let moving = View {
-        local: &worker.tangents,
-        whole: env.tangents,
-    };
+    let values = values(env, worker);
+    let moving = tangents_of(env, worker);
     let view = if tangents { moving } else { values };
     let sums = if tangents {
         chunk.sink_tangent[at].as_mut_slice()
@@ -588,10 +594,7 @@ fn element_adjoint<R: Real>(
         let slot = env.slot(input);
         let add = std::mem::replace(&mut worker.written[slot], true);
         let mut target = take(&mut worker.adjoints[slot]);
-        let view = View {
-            local: &worker.values,
-            whole: env.values,
-        };
+        let view = values(env, worker);
         let single = env.channels(input) == 1;
         for c in 0..node.shape.channels {
             let x = operands(env, view, lanes, &node.inputs, c);
@@ -691,36 +694,32 @@ fn whole_adjoint<R: Real>(
         Op::Gather(index) => {
             if let Some(at) = pull(input, PullKind::Table) {
                 let index = &env.indices[*index][lanes.start..lanes.start + lanes.len];
-                let all = env.all_lanes(input) * axis;
-                for c in 0..channels {
-                    let table = &mut chunk.pull[at].as_mut_slice()[c * all..(c + 1) * all];
-                    let source = &g[c * pitch..c * pitch + len];
-                    lookup::scatter(env.arch, table, axis, index, source);
-                }
+                let table = chunk.pull[at].as_mut_slice();
+                lookup::scatter(env.arch, table, rows(env, id), index, g);
             }
         }
         Op::GatherWeighted(indices) => {
-            let all = env.all_lanes(input) * axis;
+            let view = values(env, worker);
             if let Some(at) = pull(input, PullKind::Table) {
-                let view = View {
-                    local: &worker.values,
-                    whole: env.values,
-                };
-                for c in 0..channels {
-                    let table = &mut chunk.pull[at].as_mut_slice()[c * all..(c + 1) * all];
-                    let source = &g[c * pitch..c * pitch + len];
-                    with_corners(
-                        env,
-                        lanes,
-                        id,
-                        view,
-                        |_| true,
-                        |corners| {
-                            lookup::scatter_weighted(env.arch, table, axis, corners, source);
-                        },
-                    );
-                }
+                let table = chunk.pull[at].as_mut_slice();
+                with_corners(
+                    env,
+                    lanes,
+                    id,
+                    view,
+                    |_| true,
+                    |corners| {
+                        let rows = rows(env, id);
+                        lookup::scatter_weighted(env.arch, table, rows, lanes.len, corners, g);
+                    },
+                );
             }
+            let whole = View {
+                local: &[],
+                whole: env.values,
+                tables: env.tables,
+            };
+            let table = whole.table(env, input);
             for (&index, &weight) in indices.iter().zip(&node.inputs[1..]) {
                 if !env.live[weight] {
                     continue;
@@ -728,14 +727,7 @@ fn whole_adjoint<R: Real>(
                 let index = &env.indices[index][lanes.start..lanes.start + lanes.len];
                 into_adjoint(env, worker, weight, |target, add| {
                     let target = &mut target[..lanes.len];
-                    if !add {
-                        target.fill(R::default());
-                    }
-                    for c in 0..channels {
-                        let table = &env.values[input].as_slice()[c * all..(c + 1) * all];
-                        let source = &g[c * pitch..c * pitch + len];
-                        lookup::pull_weight(table, axis, index, source, target);
-                    }
+                    lookup::pull_weight(table, rows(env, id), index, g, target, add);
                 });
             }
         }
@@ -782,10 +774,7 @@ fn dense_adjoint<R: Real>(
     if env.live[weight] {
         if let Some(at) = env.phase.pull(weight, PullKind::Weight, id) {
             let mut scratch = take(&mut worker.scratch);
-            let view = View {
-                local: &worker.values,
-                whole: env.values,
-            };
+            let view = values(env, worker);
             let (copy, transposed) = scratch.as_mut_slice().split_at_mut(inner * env.stride);
             for c in 0..inner {
                 copy[c * env.stride..c * env.stride + lanes.len]
