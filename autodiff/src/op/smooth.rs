@@ -175,9 +175,9 @@ impl Primitive<2> for Pow {
             } else {
                 b * self.eval::<R, F>([a, lower])
             }
-        } else if y.is_zero() {
-            // x^b tends to 0 faster than ln x to minus infinity.
-            y
+        } else if a == R::default() {
+            // For positive b, x^b tends to 0 faster than ln x to minus infinity.
+            R::default()
         } else {
             y * a.ln::<F>()
         }

@@ -24,12 +24,24 @@ pub struct Program {
     pub(crate) phases: Vec<Phase>,
     /// Nodes whose value is kept for all lanes.
     pub(crate) whole: Vec<bool>,
+    /// Nodes that outputs need; leaves that none needs may stay unbound.
+    pub(crate) used: Vec<bool>,
+    /// Index arrays that outputs need.
+    pub(crate) used_indices: Vec<bool>,
 }
 
 impl Program {
     pub(crate) fn new(recording: &Recording, outputs: Vec<(String, NodeId)>) -> Program {
         static STAMP: AtomicU64 = AtomicU64::new(0);
-        let (nodes, outputs) = prune(recording, outputs);
+        let (nodes, used, outputs) = prune(recording, outputs);
+        let mut used_indices = vec![false; recording.indices.len()];
+        for node in &nodes {
+            match &node.op {
+                Op::Gather(index) => used_indices[*index] = true,
+                Op::GatherWeighted(indices) => indices.iter().for_each(|&i| used_indices[i] = true),
+                _ => {}
+            }
+        }
         let schedule = schedule::schedule(&nodes, &outputs);
         let phases = schedule
             .groups
@@ -45,6 +57,8 @@ impl Program {
             outputs,
             phases,
             whole: schedule.whole,
+            used,
+            used_indices,
         }
     }
 
@@ -76,42 +90,37 @@ impl Program {
     }
 }
 
-/// Keeps what the outputs need, and all parameters: an unused one has a gradient of zero.
+/// Keeps what the outputs need, and all leaves: an unused parameter has a gradient of zero. Also tells which are needed.
 fn prune(
     recording: &Recording,
     outputs: Vec<(String, NodeId)>,
-) -> (Vec<Node>, Vec<(String, NodeId)>) {
-    let mut used: Vec<bool> = recording
-        .nodes
-        .iter()
-        .map(|node| matches!(node.op, Op::Param))
-        .collect();
+) -> (Vec<Node>, Vec<bool>, Vec<(String, NodeId)>) {
+    let mut needed = vec![false; recording.nodes.len()];
     for (_, id) in &outputs {
-        used[*id] = true;
+        needed[*id] = true;
     }
     for id in (0..recording.nodes.len()).rev() {
-        if used[id] {
+        if needed[id] {
             for &input in &recording.nodes[id].inputs {
-                used[input] = true;
+                needed[input] = true;
             }
         }
     }
     let mut position = vec![0; recording.nodes.len()];
-    let mut nodes: Vec<Node> = Vec::new();
-    for (id, node) in recording
-        .nodes
-        .iter()
-        .enumerate()
-        .filter(|(id, _)| used[*id])
-    {
+    let (mut nodes, mut used): (Vec<Node>, Vec<bool>) = Default::default();
+    for (id, node) in recording.nodes.iter().enumerate() {
+        if !needed[id] && !node.op.is_leaf() {
+            continue;
+        }
         position[id] = nodes.len();
         let mut node = node.clone();
         node.inputs.iter_mut().for_each(|i| *i = position[*i]);
         nodes.push(node);
+        used.push(needed[id]);
     }
     let outputs = outputs
         .into_iter()
         .map(|(name, id)| (name, position[id]))
         .collect();
-    (nodes, outputs)
+    (nodes, used, outputs)
 }

@@ -28,12 +28,52 @@ impl<R: Real> Whole<R> {
     }
 }
 
+/// Where a phase finds a node, resolved for its sizes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Place {
+    /// Elements per lane and channel.
+    pub axis: usize,
+    pub channels: usize,
+    /// Elements between channels in the arena.
+    pub pitch: usize,
+    /// Slot in the arena, or [`NONE`].
+    slot: u32,
+    /// Whether the value is computed by the phase, so that it is in the arena too.
+    computed: bool,
+    /// Lanes of the whole value.
+    lanes: usize,
+}
+
+/// The places of all nodes in a phase whose blocks have at most `stride` lanes.
+pub(super) fn places(
+    program: &Program,
+    phase: &Phase,
+    extent: &Extent,
+    stride: usize,
+) -> Vec<Place> {
+    let nodes = program.nodes.iter().zip(&phase.slot);
+    nodes
+        .map(|(node, &slot)| {
+            let axis = extent.axis(node.shape.axis);
+            Place {
+                axis,
+                channels: node.shape.channels,
+                pitch: stride * axis,
+                slot,
+                computed: slot != NONE && (slot as usize) < phase.computed,
+                lanes: extent.lanes[node.shape.domain],
+            }
+        })
+        .collect()
+}
+
 /// What all blocks of a phase share.
 pub(super) struct Env<'a, R> {
     pub program: &'a Program,
     pub phase: &'a Phase,
     pub extent: &'a Extent,
     pub arch: Arch,
+    pub places: &'a [Place],
     /// Lanes between channels in the arena: the largest block.
     pub stride: usize,
     pub values: &'a [Whole<R>],
@@ -122,23 +162,23 @@ impl<'a, R: Real> Env<'a, R> {
     /// Elements per lane and channel.
     #[inline(always)]
     pub fn axis(&self, id: NodeId) -> usize {
-        self.extent.axis(self.program.nodes[id].shape.axis)
+        self.places[id].axis
     }
 
     #[inline(always)]
     pub fn channels(&self, id: NodeId) -> usize {
-        self.program.nodes[id].shape.channels
+        self.places[id].channels
     }
 
     #[inline(always)]
     pub fn slot(&self, id: NodeId) -> usize {
-        self.phase.slot[id] as usize
+        self.places[id].slot as usize
     }
 
     /// Elements between channels of a node in the arena.
     #[inline(always)]
     pub fn pitch(&self, id: NodeId) -> usize {
-        self.stride * self.axis(id)
+        self.places[id].pitch
     }
 
     /// One channel of an operand on the phase's domain, for the lanes of the block.
@@ -150,23 +190,22 @@ impl<'a, R: Real> Env<'a, R> {
         id: NodeId,
         channel: usize,
     ) -> &'v [R] {
-        let axis = self.axis(id);
-        let channel = if self.channels(id) == 1 { 0 } else { channel };
-        let slot = self.phase.slot[id];
-        if slot != NONE && (slot as usize) < self.phase.computed {
-            let start = channel * self.stride * axis;
-            &view.local[slot as usize].as_slice()[start..start + lanes.len * axis]
+        let place = self.places[id];
+        let channel = if place.channels == 1 { 0 } else { channel };
+        let len = lanes.len * place.axis;
+        if place.computed {
+            let start = channel * place.pitch;
+            &view.local[place.slot as usize].as_slice()[start..start + len]
         } else {
-            let all = self.extent.lanes[self.phase.domain];
-            let start = (channel * all + lanes.start) * axis;
-            &view.whole[id].as_slice()[start..start + lanes.len * axis]
+            let start = (channel * place.lanes + lanes.start) * place.axis;
+            &view.whole[id].as_slice()[start..start + len]
         }
     }
 
     /// Lanes of the domain that a whole value lives on.
     #[inline(always)]
     pub fn all_lanes(&self, id: NodeId) -> usize {
-        self.extent.lanes[self.program.nodes[id].shape.domain]
+        self.places[id].lanes
     }
 }
 
@@ -188,7 +227,7 @@ pub(super) fn into_adjoint<R: Real>(
 
 /// Whether node `id` is computed in this phase and kept in the arena.
 pub(super) fn is_computed<R>(env: &Env<R>, id: NodeId) -> bool {
-    (env.phase.slot[id] as usize) < env.phase.computed && env.phase.slot[id] != NONE
+    env.places[id].computed
 }
 
 /// Copies stored values of a block to the chunk.

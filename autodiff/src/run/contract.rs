@@ -11,54 +11,75 @@ use crate::graph::NodeId;
 use crate::op::kernel::dispatch;
 use crate::real::Real;
 
-/// Adds the products of a block to the segments' sums. `a` and `b` may be values or tangents.
+/// An operand as a value or as a tangent.
+pub(super) type Operand<'a, R> = (NodeId, View<'a, R>);
+
+/// Adds the products of a block, summed over `terms`, to the segments' sums.
 pub(super) fn push<R: Real>(
     env: &Env<R>,
     span: &Span,
     lanes: Lanes,
     id: NodeId,
-    (a, view_a): (NodeId, View<R>),
-    (b, view_b): (NodeId, View<R>),
+    terms: &[(Operand<R>, Operand<R>)],
     sums: &mut [R],
     scratch: &mut [R],
 ) {
+    let inputs = &env.program.nodes[id].inputs;
     let (channels, axis) = (env.channels(id), env.axis(id));
-    let (axis_a, axis_b) = (env.axis(a), env.axis(b));
-    if axis_a == axis_b {
-        for c in 0..channels {
-            let product = &mut scratch[..lanes.len * axis];
+    if env.axis(inputs[0]) != env.axis(inputs[1]) {
+        return match terms {
+            &[one] => push_rows(env, span, lanes, id, [one], sums),
+            &[one, two, ..] => push_rows(env, span, lanes, id, [one, two], sums),
+            [] => {}
+        };
+    }
+    // All terms at once: the open sum of a segment is carried from block to block.
+    let product = &mut scratch[..lanes.len * axis];
+    for c in 0..channels {
+        product.fill(R::default());
+        for &((a, view_a), (b, view_b)) in terms {
             let x = env.channel(view_a, lanes, a, c);
             let y = env.channel(view_b, lanes, b, c);
             for ((p, x), y) in product.iter_mut().zip(x).zip(y) {
-                *p = *x * *y;
+                *p = *p + *x * *y;
             }
-            collect(env, span, lanes, (c, channels), axis, product, sums, false);
         }
-        return;
+        collect(env, span, lanes, (c, channels), axis, product, sums, false);
     }
-    let ((a, view_a), (b, view_b)) = if axis_a == 1 {
-        ((a, view_a), (b, view_b))
-    } else {
-        ((b, view_b), (a, view_a))
-    };
-    let parents = span.parents.len();
-    let shared = env.channels(b) == 1;
+}
+
+/// The same for a coefficient without axis times a row along it.
+fn push_rows<R: Real, const N: usize>(
+    env: &Env<R>,
+    span: &Span,
+    lanes: Lanes,
+    id: NodeId,
+    terms: [(Operand<R>, Operand<R>); N],
+    sums: &mut [R],
+) {
+    // The coefficient first.
+    let terms = terms.map(|(a, b)| if env.axis(a.0) == 1 { (a, b) } else { (b, a) });
+    let (channels, axis, parents) = (env.channels(id), env.axis(id), span.parents.len());
+    let shared = env.channels(terms[0].1.0) == 1;
     for piece in pieces(env, lanes) {
-        let p = piece.parent - span.parents.start;
-        let (start, end) = (
-            piece.lanes.start - lanes.start,
-            piece.lanes.end - lanes.start,
-        );
+        let first = piece.lanes.start - lanes.start;
+        let last = piece.lanes.end - lanes.start;
+        let rows = |c: usize| {
+            terms.map(|(_, (b, view))| &env.channel(view, lanes, b, c)[first * axis..last * axis])
+        };
+        let factor = |n: usize, c: usize| {
+            let (a, view) = terms[n].0;
+            &env.channel(view, lanes, a, c)[first..last]
+        };
+        let pitch = parents * axis;
         let mut c = 0;
         while c < channels {
-            let group = if shared && channels - c >= 3 { 3 } else { 1 };
-            let rows = &env.channel(view_b, lanes, b, c)[start * axis..end * axis];
-            let factor = |i: usize| &env.channel(view_a, lanes, a, c + i)[start..end];
-            let sum_start = (c * parents + p) * axis;
-            if group == 3 {
-                let factors = [factor(0), factor(1), factor(2)];
-                let pitch = parents * axis;
-                let sums = &mut sums[sum_start..sum_start + 2 * pitch + axis];
+            let start = c * pitch + (piece.parent - span.parents.start) * axis;
+            let rows = rows(c);
+            if shared && channels - c >= 3 {
+                let factors =
+                    std::array::from_fn(|n| [factor(n, c), factor(n, c + 1), factor(n, c + 2)]);
+                let sums = &mut sums[start..start + 2 * pitch + axis];
                 dispatch(
                     env.arch,
                     Accumulate {
@@ -69,9 +90,10 @@ pub(super) fn push<R: Real>(
                         pitch,
                     },
                 );
+                c += 3;
             } else {
-                let sums = &mut sums[sum_start..sum_start + axis];
-                let factors = [factor(0)];
+                let factors = std::array::from_fn(|n| [factor(n, c)]);
+                let sums = &mut sums[start..start + axis];
                 dispatch(
                     env.arch,
                     Accumulate {
@@ -79,11 +101,11 @@ pub(super) fn push<R: Real>(
                         rows,
                         axis,
                         sums,
-                        pitch: 0,
+                        pitch,
                     },
                 );
+                c += 1;
             }
-            c += group;
         }
     }
 }

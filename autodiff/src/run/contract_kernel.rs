@@ -8,64 +8,75 @@ use crate::real::Real;
 /// Registers that hold columns of one channel.
 const TILE: usize = 3;
 
-/// `sums[c * pitch + k] += sum_lane factors[c][lane] rows[lane][k]`, lanes in order.
-pub(super) struct Accumulate<'a, R, const C: usize> {
-    pub factors: [&'a [R]; C],
-    pub rows: &'a [R],
+/// `sums[c * pitch + k] += sum_lane sum_n factors[n][c][lane] rows[n][lane][k]`, lanes in order, and `N` terms in order within
+/// a lane.
+pub(super) struct Accumulate<'a, R, const N: usize, const C: usize> {
+    pub factors: [[&'a [R]; C]; N],
+    pub rows: [&'a [R]; N],
     pub axis: usize,
     pub sums: &'a mut [R],
     pub pitch: usize,
 }
 
-impl<R: Real, const C: usize> Kernel for Accumulate<'_, R, C> {
+impl<R: Real, const N: usize, const C: usize> Kernel for Accumulate<'_, R, N, C> {
     #[inline(always)]
     fn run<S: Simd>(mut self, simd: S) {
-        let packs = R::packs::<S>(&self.rows[..self.axis.min(self.rows.len())])
-            .0
-            .len();
+        let lanes = self.rows[0].len() / self.axis;
+        for n in 0..N {
+            self.rows[n] = &self.rows[n][..lanes * self.axis];
+            for c in 0..C {
+                self.factors[n][c] = &self.factors[n][c][..lanes];
+            }
+        }
+        let packs = R::packs::<S>(&self.sums[..self.axis]).0.len();
         let mut k = 0;
         while k + TILE <= packs {
-            self.tile::<S, TILE>(simd, k);
+            self.tile::<S, TILE>(simd, k, lanes);
             k += TILE;
         }
         while k < packs {
-            self.tile::<S, 1>(simd, k);
+            self.tile::<S, 1>(simd, k, lanes);
             k += 1;
         }
         for c in 0..C {
             let sums = &mut self.sums[c * self.pitch..c * self.pitch + self.axis];
             let rest = R::packs_mut::<S>(sums).1;
-            for (lane, row) in self.rows.chunks_exact(self.axis).enumerate() {
-                let factor = self.factors[c][lane];
-                for (sum, x) in rest.iter_mut().zip(R::packs::<S>(row).1) {
-                    *sum = factor.mul_add::<S>(*x, *sum);
+            if rest.is_empty() {
+                continue;
+            }
+            for lane in 0..lanes {
+                for n in 0..N {
+                    let row = &self.rows[n][lane * self.axis..(lane + 1) * self.axis];
+                    let factor = self.factors[n][c][lane];
+                    for (sum, x) in rest.iter_mut().zip(R::packs::<S>(row).1) {
+                        *sum = factor.mul_add::<S>(*x, *sum);
+                    }
                 }
             }
         }
     }
 }
 
-impl<R: Real, const C: usize> Accumulate<'_, R, C> {
+impl<R: Real, const N: usize, const C: usize> Accumulate<'_, R, N, C> {
     /// Packs `k .. k + T` of the rows, with their sums in registers over all lanes.
     #[inline(always)]
-    fn tile<S: Simd, const T: usize>(&mut self, simd: S, k: usize) {
+    fn tile<S: Simd, const T: usize>(&mut self, simd: S, k: usize, lanes: usize) {
         let (axis, pitch) = (self.axis, self.pitch);
         let mut sums = [[R::splat(simd, R::default()); T]; C];
         for c in 0..C {
             let all = R::packs::<S>(&self.sums[c * pitch..c * pitch + axis]).0;
             sums[c].copy_from_slice(&all[k..k + T]);
         }
-        let lanes = self.rows.len() / axis;
-        let mut factors = self.factors;
-        for c in 0..C {
-            factors[c] = &factors[c][..lanes];
-        }
+        let (rows, factors) = (self.rows, self.factors);
         for lane in 0..lanes {
-            let row = &R::packs::<S>(&self.rows[lane * axis..(lane + 1) * axis]).0[k..k + T];
-            for c in 0..C {
-                let factor = R::splat(simd, factors[c][lane]);
-                for t in 0..T {
-                    sums[c][t] = R::fma(simd, factor, row[t], sums[c][t]);
+            for n in 0..N {
+                let row = &rows[n][lane * axis..(lane + 1) * axis];
+                let row = &R::packs::<S>(row).0[k..k + T];
+                for c in 0..C {
+                    let factor = R::splat(simd, factors[n][c][lane]);
+                    for t in 0..T {
+                        sums[c][t] = R::fma(simd, factor, row[t], sums[c][t]);
+                    }
                 }
             }
         }

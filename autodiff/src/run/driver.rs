@@ -6,11 +6,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 use pulp::Arch;
 use rayon::prelude::*;
 
-use super::block::{Env, Whole, Worker};
+use super::assemble::Layout;
+use super::block::{Env, Place, Whole, Worker, places};
 use super::chunk::{Chunk, ensure, pull_len, sink_len, spans, store_len, widest};
-use super::lookup::{deinterleave, interleave};
+use super::lookup::interleave;
 use super::passes;
-use super::rows::{PARTIALS, put, total};
+use super::replay::mark_replay;
+use super::rows::{PARTIALS, put};
 use super::sizes::{Extent, Sizes};
 use crate::buffer::Buffer;
 use crate::graph::{NodeId, Op};
@@ -19,9 +21,6 @@ use crate::real::Real;
 
 /// How many times larger than others a value along an axis may be in a block.
 const WIDE: usize = 16;
-
-/// Elements of a table that one task adds up.
-const SHARE: usize = 1 << 16;
 
 /// All that a run changes, for one scalar type.
 pub(super) struct State<R> {
@@ -40,6 +39,7 @@ pub(super) struct State<R> {
     replay: Vec<bool>,
     chunks: Vec<Vec<Mutex<Chunk<R>>>>,
     strides: Vec<usize>,
+    places: Vec<Vec<Place>>,
     workers: Vec<Worker<R>>,
     column: Buffer<R>,
     arch: Arch,
@@ -59,6 +59,7 @@ impl<R: Real> State<R> {
         let empty = || vec![Whole::Owned(Buffer::zeros(0)); nodes];
         let mut chunks = Vec::new();
         let mut strides = Vec::new();
+        let mut resolved = Vec::new();
         for phase in &program.phases {
             let spans = match phase.body {
                 Body::Block => spans(program, &extent, phase),
@@ -68,7 +69,9 @@ impl<R: Real> State<R> {
             // Few values of a phase are wide: they may overflow L1 as long as blocks keep enough lanes.
             let wide = WIDE * sizes.block / widest(program, &extent, phase);
             let wanted = sizes.block.min(wide);
-            strides.push(wanted.min(longest).next_multiple_of(PARTIALS).max(PARTIALS));
+            let stride = wanted.min(longest).next_multiple_of(PARTIALS).max(PARTIALS);
+            strides.push(stride);
+            resolved.push(places(program, phase, &extent, stride));
             chunks.push(
                 spans
                     .into_iter()
@@ -99,6 +102,7 @@ impl<R: Real> State<R> {
             replay: vec![false; nodes],
             chunks,
             strides,
+            places: resolved,
             workers: (0..threads).map(|_| Worker::new()).collect(),
             column: Buffer::zeros(0),
             arch: Arch::new(),
@@ -154,6 +158,16 @@ impl<R: Real> State<R> {
                 if program.whole[id] && self.moving[id] && !node.op.is_leaf() {
                     let len = self.len(id);
                     own(&mut self.tangents[id]).ensure(len);
+                }
+            }
+        }
+        if tangents {
+            for &(_, id) in &program.outputs {
+                if !self.moving[id] {
+                    let len = self.len(id);
+                    let still = own(&mut self.tangents[id]);
+                    still.ensure(len);
+                    still.as_mut_slice().fill(R::default());
                 }
             }
         }
@@ -257,7 +271,7 @@ impl<R: Real> State<R> {
                 self.map_adjoint(program, phase.nodes[0]);
                 continue;
             }
-            passes::mark_replay(program, phase, &self.live, &mut self.replay);
+            mark_replay(program, phase, &self.live, &mut self.replay);
             self.prepare(program, p, Pass::Adjoints);
             self.run(program, p, passes::reverse);
             self.assemble_adjoints(program, p);
@@ -340,6 +354,7 @@ impl<R: Real> State<R> {
             phase: &program.phases[p],
             extent: &self.extent,
             arch: self.arch,
+            places: &self.places[p],
             stride: self.strides[p],
             values: &self.values,
             tangents: &self.tangents,
@@ -469,99 +484,6 @@ impl<R: Real> State<R> {
             put(self.arch, target, column, add);
         }
         self.adjoints[input] = Whole::Owned(target);
-    }
-}
-
-/// How the private results of chunks make up a whole array.
-struct Layout {
-    kind: PullKind,
-    channels: usize,
-    lanes: usize,
-    axis: usize,
-}
-
-impl Layout {
-    fn new(program: &Program, extent: &Extent, id: NodeId, kind: PullKind) -> Self {
-        let shape = program.nodes[id].shape;
-        Layout {
-            kind,
-            channels: shape.channels,
-            lanes: extent.lanes[shape.domain],
-            axis: extent.axis(shape.axis),
-        }
-    }
-
-    /// Adds up the chunks' tables, chunk after chunk, and writes or adds the sum to `target`.
-    fn assemble_table<R: Real>(
-        &self,
-        arch: Arch,
-        chunks: &mut [Mutex<Chunk<R>>],
-        pull: usize,
-        target: &mut [R],
-        add: bool,
-    ) {
-        let [first, others @ ..] = chunks else { return };
-        let first = first.get_mut().unwrap_or_else(PoisonError::into_inner);
-        let mut sum = std::mem::take(&mut first.pull[pull]);
-        let others: &[Mutex<Chunk<R>>] = others;
-        sum.as_mut_slice()
-            .par_chunks_mut(SHARE)
-            .enumerate()
-            .for_each(|(share, sum)| {
-                for chunk in others {
-                    let chunk = chunk.lock().unwrap_or_else(PoisonError::into_inner);
-                    let start = share * SHARE;
-                    let part = &chunk.pull[pull].as_slice()[start..start + sum.len()];
-                    put(arch, sum, part, true);
-                }
-            });
-        if self.channels == 1 {
-            put(arch, target, sum.as_slice(), add);
-        } else {
-            deinterleave(sum.as_slice(), self.channels, self.axis, target, add);
-        }
-        first.pull[pull] = sum;
-    }
-
-    /// Writes, or adds, the chunks' results to `target`, chunk after chunk.
-    fn assemble<R: Real>(
-        &self,
-        arch: Arch,
-        chunks: &mut [Mutex<Chunk<R>>],
-        part: impl Fn(&Chunk<R>) -> &Buffer<R>,
-        target: &mut [R],
-        add: bool,
-    ) {
-        let disjoint = matches!(self.kind, PullKind::Lanes | PullKind::Parents);
-        if !disjoint && !add {
-            target.fill(R::default());
-        }
-        for chunk in chunks {
-            let chunk = chunk.get_mut().unwrap_or_else(PoisonError::into_inner);
-            let range = match self.kind {
-                PullKind::Lanes => &chunk.span.lanes,
-                _ => &chunk.span.parents,
-            };
-            let (start, len) = (range.start * self.axis, range.len() * self.axis);
-            let source = part(chunk).as_slice();
-            for c in 0..self.channels {
-                let row = self.lanes * self.axis;
-                match self.kind {
-                    PullKind::Lanes | PullKind::Parents => {
-                        let target = &mut target[c * row + start..c * row + start + len];
-                        put(arch, target, &source[c * len..(c + 1) * len], add);
-                    }
-                    PullKind::Uniform if self.axis == 1 => {
-                        let sum = total(&source[c * PARTIALS..(c + 1) * PARTIALS]);
-                        target[c] = target[c] + sum;
-                    }
-                    _ => {
-                        let target = &mut target[c * row..(c + 1) * row];
-                        put(arch, target, &source[c * row..(c + 1) * row], true);
-                    }
-                }
-            }
-        }
     }
 }
 

@@ -18,6 +18,7 @@ use crate::real::Scalar;
 pub struct Workspace<S: Scalar> {
     pub(super) state: State<S>,
     pub(super) stamp: u64,
+    /// Leaves that are bound, or need not be.
     bound: Vec<bool>,
     bound_index: Vec<bool>,
     /// Whether whole values are those of the bound arrays.
@@ -63,8 +64,8 @@ impl Program {
         Ok(Workspace {
             state: S::state(self, extent, sizes),
             stamp: self.stamp,
-            bound: vec![false; self.nodes.len()],
-            bound_index: vec![false; self.indices.len()],
+            bound: self.used.iter().map(|used| !used).collect(),
+            bound_index: self.used_indices.iter().map(|used| !used).collect(),
             fresh: false,
             names: Names::new(self),
         })
@@ -195,16 +196,12 @@ impl<S: Scalar> Workspace<S> {
         Ok(self.state.values[self.output_id(name)?].as_slice())
     }
 
-    /// The tangent of an output, after [`Program::jvp`]; empty if no moving parameter reaches it.
+    /// The tangent of an output, after [`Program::jvp`].
     ///
     /// # Errors
     /// An unknown name.
     pub fn tangent(&self, name: &str) -> Result<&[S], RunError> {
-        let id = self.output_id(name)?;
-        if !self.state.moving[id] {
-            return Ok(&[]);
-        }
-        Ok(self.state.tangents[id].as_slice())
+        Ok(self.state.tangents[self.output_id(name)?].as_slice())
     }
 
     /// The gradient of a parameter, after [`Program::vjp`] or [`Program::gauss_newton`].

@@ -1,0 +1,111 @@
+//! Putting the private results of chunks together, in the order of chunks.
+
+use std::sync::{Mutex, PoisonError};
+
+use pulp::Arch;
+use rayon::prelude::*;
+
+use super::chunk::Chunk;
+use super::lookup::deinterleave;
+use super::rows::{PARTIALS, put, total};
+use super::sizes::Extent;
+use crate::buffer::Buffer;
+use crate::graph::NodeId;
+use crate::program::{Program, PullKind};
+use crate::real::Real;
+
+/// Elements of a table that one task adds up.
+const SHARE: usize = 1 << 16;
+
+/// How the private results of chunks make up a whole array.
+pub(super) struct Layout {
+    kind: PullKind,
+    channels: usize,
+    lanes: usize,
+    axis: usize,
+}
+
+impl Layout {
+    pub fn new(program: &Program, extent: &Extent, id: NodeId, kind: PullKind) -> Self {
+        let shape = program.nodes[id].shape;
+        Layout {
+            kind,
+            channels: shape.channels,
+            lanes: extent.lanes[shape.domain],
+            axis: extent.axis(shape.axis),
+        }
+    }
+
+    /// Adds up the chunks' tables, chunk after chunk, and writes or adds the sum to `target`.
+    pub fn assemble_table<R: Real>(
+        &self,
+        arch: Arch,
+        chunks: &mut [Mutex<Chunk<R>>],
+        pull: usize,
+        target: &mut [R],
+        add: bool,
+    ) {
+        let [first, others @ ..] = chunks else { return };
+        let first = first.get_mut().unwrap_or_else(PoisonError::into_inner);
+        let mut sum = std::mem::take(&mut first.pull[pull]);
+        let others: &[Mutex<Chunk<R>>] = others;
+        sum.as_mut_slice()
+            .par_chunks_mut(SHARE)
+            .enumerate()
+            .for_each(|(share, sum)| {
+                for chunk in others {
+                    let chunk = chunk.lock().unwrap_or_else(PoisonError::into_inner);
+                    let start = share * SHARE;
+                    let part = &chunk.pull[pull].as_slice()[start..start + sum.len()];
+                    put(arch, sum, part, true);
+                }
+            });
+        if self.channels == 1 {
+            put(arch, target, sum.as_slice(), add);
+        } else {
+            deinterleave(sum.as_slice(), self.channels, self.axis, target, add);
+        }
+        first.pull[pull] = sum;
+    }
+
+    /// Writes, or adds, the chunks' results to `target`, chunk after chunk.
+    pub fn assemble<R: Real>(
+        &self,
+        arch: Arch,
+        chunks: &mut [Mutex<Chunk<R>>],
+        part: impl Fn(&Chunk<R>) -> &Buffer<R>,
+        target: &mut [R],
+        add: bool,
+    ) {
+        let disjoint = matches!(self.kind, PullKind::Lanes | PullKind::Parents);
+        if !disjoint && !add {
+            target.fill(R::default());
+        }
+        for chunk in chunks {
+            let chunk = chunk.get_mut().unwrap_or_else(PoisonError::into_inner);
+            let range = match self.kind {
+                PullKind::Lanes => &chunk.span.lanes,
+                _ => &chunk.span.parents,
+            };
+            let (start, len) = (range.start * self.axis, range.len() * self.axis);
+            let source = part(chunk).as_slice();
+            for c in 0..self.channels {
+                let row = self.lanes * self.axis;
+                match self.kind {
+                    PullKind::Lanes | PullKind::Parents => {
+                        let target = &mut target[c * row + start..c * row + start + len];
+                        put(arch, target, &source[c * len..(c + 1) * len], add);
+                    }
+                    PullKind::Uniform if self.axis == 1 => {
+                        let sum = total(&source[c * PARTIALS..(c + 1) * PARTIALS]);
+                        target[c] = target[c] + sum;
+                    }
+                    _ => {
+                        let target = &mut target[c * row..(c + 1) * row];
+                        put(arch, target, &source[c * row..(c + 1) * row], true);
+                    }
+                }
+            }
+        }
+    }
+}

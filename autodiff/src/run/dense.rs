@@ -1,0 +1,140 @@
+//! Dense layers in a block.
+
+use std::mem::take;
+
+use super::block::{Env, Lanes, View, Worker, into_adjoint, is_computed};
+use super::chunk::Chunk;
+use super::matmul::{Matrix, Outer, Product, outer, product};
+use super::value::values;
+use crate::buffer::Buffer;
+use crate::graph::NodeId;
+use crate::program::PullKind;
+use crate::real::Real;
+
+/// A dense layer on `xs` and `weights`; the flags: whether to overwrite, and to add the bias.
+pub(super) fn dense<R: Real>(
+    env: &Env<R>,
+    lanes: Lanes,
+    id: NodeId,
+    xs: View<R>,
+    weights: View<R>,
+    (first, bias): (bool, bool),
+    out: &mut Buffer<R>,
+    scratch: &mut Buffer<R>,
+) {
+    let inputs = &env.program.nodes[id].inputs;
+    let inner = env.channels(inputs[0]);
+    product(
+        env.arch,
+        Product {
+            matrix: Matrix {
+                data: weights.whole[inputs[1]].as_slice(),
+                rows: inner,
+                columns: 1,
+            },
+            bias: inputs
+                .get(2)
+                .filter(|_| bias)
+                .map(|&bias| weights.whole[bias].as_slice()),
+            x: padded(env, xs, lanes, inputs[0], scratch),
+            x_pitch: env.stride,
+            out: out.as_mut_slice(),
+            pitch: env.stride,
+            out_rows: env.channels(id),
+            inner,
+            lanes: lanes.len,
+            add: !first,
+        },
+    );
+}
+
+/// The block of an operand of a dense layer: its arena slot, or a padded copy of the whole array's lanes.
+pub(super) fn padded<'v, R: Real>(
+    env: &Env<R>,
+    view: View<'v, R>,
+    lanes: Lanes,
+    id: NodeId,
+    scratch: &'v mut Buffer<R>,
+) -> &'v [R] {
+    if is_computed(env, id) {
+        return view.local[env.slot(id)].as_slice();
+    }
+    for c in 0..env.channels(id) {
+        scratch.as_mut_slice()[c * env.stride..c * env.stride + lanes.len]
+            .copy_from_slice(env.channel(view, lanes, id, c));
+    }
+    scratch.as_slice()
+}
+
+pub(super) fn dense_adjoint<R: Real>(
+    env: &Env<R>,
+    worker: &mut Worker<R>,
+    chunk: &mut Chunk<R>,
+    lanes: Lanes,
+    id: NodeId,
+    g: &[R],
+) {
+    let inputs = &env.program.nodes[id].inputs;
+    let (x, weight) = (inputs[0], inputs[1]);
+    let (rows, inner) = (env.channels(id), env.channels(x));
+    if env.live[x] {
+        into_adjoint(env, worker, x, |target, add| {
+            product(
+                env.arch,
+                Product {
+                    // The transposed matrix.
+                    matrix: Matrix {
+                        data: env.values[weight].as_slice(),
+                        rows: 1,
+                        columns: inner,
+                    },
+                    bias: None,
+                    x: g,
+                    x_pitch: env.stride,
+                    out: target,
+                    pitch: env.stride,
+                    out_rows: inner,
+                    inner: rows,
+                    lanes: lanes.len,
+                    add,
+                },
+            );
+        });
+    }
+    if env.live[weight] {
+        if let Some(at) = env.phase.pull(weight, PullKind::Weight, id) {
+            let mut scratch = take(&mut worker.scratch);
+            let view = values(env, worker);
+            let (copy, transposed) = scratch.as_mut_slice().split_at_mut(inner * env.stride);
+            for c in 0..inner {
+                copy[c * env.stride..c * env.stride + lanes.len]
+                    .copy_from_slice(env.channel(view, lanes, x, c));
+            }
+            outer(
+                env.arch,
+                Outer {
+                    g,
+                    g_pitch: env.stride,
+                    x: copy,
+                    x_pitch: env.stride,
+                    rows,
+                    columns: inner,
+                    lanes: lanes.len,
+                    transposed,
+                    sums: chunk.pull[at].as_mut_slice(),
+                },
+            );
+            worker.scratch = scratch;
+        }
+    }
+    if let Some(&bias) = inputs.get(2)
+        && env.live[bias]
+        && let Some(at) = env.phase.pull(bias, PullKind::Weight, id)
+    {
+        for (c, sum) in chunk.pull[at].as_mut_slice().iter_mut().enumerate() {
+            for x in &g[c * env.stride..c * env.stride + lanes.len] {
+                *sum = *sum + *x;
+            }
+        }
+    }
+}

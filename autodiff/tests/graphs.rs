@@ -1,0 +1,274 @@
+//! Random graphs: tangents against differences, transposition, linearity, and bits over threads and blocks.
+
+use autodiff::{Detached, Graph, Program, Scalar, Sizes, Var, Workspace};
+use proptest::prelude::*;
+use proptest::test_runner::FileFailurePersistence;
+
+const TEXELS: usize = 7;
+const PARAMS: [&str; 4] = ["pixel", "row", "texel", "scale"];
+
+/// What to record next: an operation, and the operands to take among those recorded.
+type Step = (u8, usize, usize);
+
+/// A graph of random steps over three domains and an axis, on values kept near 1 so that nothing overflows.
+fn record(steps: &[Step]) -> Program {
+    let g = Graph::new();
+    let (pixel, texel) = (g.domain("pixels"), g.domain("texels"));
+    let sample = g.segments("samples", &pixel);
+    let frame = g.axis("frames");
+    let index = [
+        g.index("first", &sample, &texel),
+        g.index("second", &sample, &texel),
+    ];
+    let weight: Detached = g.input("weight", &sample, 1);
+    let visible = g.mask("visible", &sample);
+    let mut pixels: Vec<Var> = vec![
+        g.param("pixel", &pixel, 3),
+        g.param_along("row", &pixel, 1, &frame),
+    ];
+    let mut samples: Vec<Var> = vec![weight.attach()];
+    let mut texels: Vec<Var> = vec![g.param("texel", &texel, 2)];
+    let scale = g.param("scale", &g.uniform(), 1);
+    let settle = |x: Var| (x * 0.7).sin() * 0.5 + 1.0;
+    for &(kind, a, b) in steps {
+        let (p, q) = (&pixels[a % pixels.len()], &pixels[b % pixels.len()]);
+        let (s, t) = (&samples[a % samples.len()], &samples[b % samples.len()]);
+        let x = &texels[a % texels.len()];
+        let compatible = |u: &Var, v: &Var| {
+            u.channels() == v.channels() || u.channels() == 1 || v.channels() == 1
+        };
+        match kind % 14 {
+            0 => samples.push(p.expand(&sample)),
+            1 => samples.push(x.gather(&index[b % 2])),
+            2 => samples
+                .push(x.gather_weighted(&[(&index[0], &weight), (&index[1], &(1.0 - &weight))])),
+            3 if s.channels() == 1 => {
+                let share = s.sum_axis() * &weight;
+                samples.push(x.sum_channels().gather_weighted(&[(&index[0], &share)]));
+            }
+            4 => pixels.push(settle(s.segment_mean())),
+            5 if compatible(s, t) => pixels.push(settle(s.segment_dot(t) * 0.1)),
+            6 if compatible(s, t) => samples.push(settle(s * t)),
+            7 if compatible(s, t) => samples.push(s.square().mul_add(t, &(&scale * 0.3))),
+            8 if compatible(s, t) => samples.push(visible.select(&settle(s + t), s)),
+            9 if compatible(p, q) => pixels.push(settle(p / (q.square() + 1.0))),
+            10 => pixels.push(p.sum_axis().sum_channels().sigmoid() * &scale),
+            11 => texels.push(settle(x.exp() * &scale + p.sum() * 0.01)),
+            12 => samples.push(Var::stack(&[s, &t.channel(0)]).normalize()),
+            _ => samples.push(settle(s.segment_sum() * 0.1).expand(&sample)),
+        }
+    }
+    let last = |values: &[Var]| {
+        let recent = values.iter().rev().take(3);
+        recent.fold(scale.clone(), |sum, value| sum + value.sum())
+    };
+    let loss = last(&pixels) + last(&samples) + last(&texels);
+    let residual = pixels[pixels.len() - 1].clone();
+    g.compile(&[("loss", &loss), ("residual", &residual)])
+        .unwrap()
+}
+
+/// Lanes of every pixel, and numbers to fill arrays with.
+#[derive(Clone, Debug)]
+struct Data {
+    counts: Vec<u32>,
+    frames: usize,
+    seed: u64,
+}
+
+fn data() -> impl Strategy<Value = Data> {
+    let count = prop_oneof![4 => 0u32..6, 1 => 60u32..130];
+    (
+        prop::collection::vec(count, 0..12),
+        1usize..20,
+        any::<u64>(),
+    )
+        .prop_map(|(counts, frames, seed)| Data {
+            counts,
+            frames,
+            seed,
+        })
+}
+
+fn steps() -> impl Strategy<Value = Vec<Step>> {
+    prop::collection::vec((any::<u8>(), 0usize..8, 0usize..8), 3..24)
+}
+
+impl Data {
+    fn number(&self, array: u64, i: usize) -> f64 {
+        let mut x = self.seed ^ (array << 40) ^ (i as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        for _ in 0..2 {
+            x ^= x >> 31;
+            x = x.wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        }
+        (x >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn array<S: Scalar>(&self, array: u64, n: usize, low: f64) -> Vec<S> {
+        (0..n)
+            .map(|i| S::from_f64(low + self.number(array, i)))
+            .collect()
+    }
+
+    fn lens(&self) -> [usize; 4] {
+        let pixels = self.counts.len();
+        [3 * pixels, pixels * self.frames, 2 * TEXELS, 1]
+    }
+
+    fn params<S: Scalar>(&self) -> Vec<Vec<S>> {
+        let lens = self.lens().into_iter().enumerate();
+        lens.map(|(k, n)| self.array(k as u64, n, 0.5)).collect()
+    }
+
+    fn direction<S: Scalar>(&self) -> Vec<Vec<S>> {
+        let lens = self.lens().into_iter().enumerate();
+        lens.map(|(k, n)| self.array(10 + k as u64, n, -0.5))
+            .collect()
+    }
+
+    fn workspace<S: Scalar>(&self, program: &Program, block: usize) -> Workspace<S> {
+        let mut offsets = vec![0];
+        for count in &self.counts {
+            offsets.push(offsets[offsets.len() - 1] + count);
+        }
+        let n = offsets[self.counts.len()] as usize;
+        let sizes = Sizes::new()
+            .lanes("pixels", self.counts.len())
+            .lanes("texels", TEXELS)
+            .offsets("samples", offsets)
+            .axis("frames", self.frames)
+            .block(block);
+        let mut ws = program.workspace::<S>(&sizes).unwrap();
+        let index = |array| -> Vec<u32> {
+            (0..n)
+                .map(|i| (self.number(array, i) * TEXELS as f64) as u32)
+                .collect()
+        };
+        // An index that always names the same row, on some seeds.
+        let same = vec![3; n];
+        let first = if self.seed.is_multiple_of(4) {
+            same
+        } else {
+            index(20)
+        };
+        ws.set_index("first", &first).unwrap();
+        ws.set_index("second", &index(21)).unwrap();
+        ws.set("weight", &self.array::<S>(22, n, 0.0)).unwrap();
+        let visible: Vec<bool> = (0..n).map(|i| self.number(23, i) < 0.6).collect();
+        ws.set_mask("visible", &visible).unwrap();
+        for (name, values) in PARAMS.iter().zip(self.params::<S>()) {
+            ws.set(name, &values).unwrap();
+        }
+        ws
+    }
+}
+
+fn named<S>(arrays: &[Vec<S>]) -> Vec<(&'static str, &[S])> {
+    PARAMS
+        .into_iter()
+        .zip(arrays.iter().map(|a| &a[..]))
+        .collect()
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
+}
+
+/// Failing seeds are kept beside the tests.
+fn config(cases: u32) -> ProptestConfig {
+    ProptestConfig {
+        cases,
+        max_shrink_iters: 4000,
+        failure_persistence: Some(Box::new(FileFailurePersistence::Direct(
+            "tests/graphs.regressions",
+        ))),
+        ..ProptestConfig::default()
+    }
+}
+
+proptest! {
+    #![proptest_config(config(48))]
+
+    #[test]
+    fn reverse_is_the_transpose_of_forward(steps in steps(), data in data()) {
+        let program = record(&steps);
+        let mut ws = data.workspace::<f64>(&program, 64);
+        let direction = data.direction::<f64>();
+        program.jvp(&mut ws, &named(&direction)).unwrap();
+        let (residual, loss) = (ws.tangent("residual").unwrap().to_vec(), ws.tangent("loss").unwrap()[0]);
+        let w = data.array::<f64>(30, residual.len(), -0.5);
+        program.vjp_with(&mut ws, &[("residual", &w), ("loss", &[2.0])]).unwrap();
+        let left = dot(&w, &residual) + 2.0 * loss;
+        let terms = PARAMS.iter().zip(&direction).map(|(p, v)| dot(ws.gradient(p).unwrap(), v));
+        let (right, scale) = terms.fold((0.0, 1.0f64), |(sum, scale), x| (sum + x, scale + x.abs()));
+        prop_assert!((left - right).abs() <= 1e-12 * scale, "{left} forward, {right} in reverse");
+    }
+
+    #[test]
+    fn tangents_match_central_differences(steps in steps(), data in data()) {
+        let program = record(&steps);
+        let mut ws = data.workspace::<f64>(&program, 512);
+        let (params, direction) = (data.params::<f64>(), data.direction::<f64>());
+        program.jvp(&mut ws, &named(&direction)).unwrap();
+        let tangent = ws.tangent("loss").unwrap()[0];
+        let mut at = |step: f64| {
+            for ((name, x), v) in PARAMS.iter().zip(&params).zip(&direction) {
+                let moved: Vec<f64> = x.iter().zip(v).map(|(x, v)| x + step * v).collect();
+                ws.set(name, &moved).unwrap();
+            }
+            program.forward(&mut ws).unwrap();
+            ws.output("loss").unwrap()[0]
+        };
+        let h = 1e-4;
+        let difference = (8.0 * (at(h) - at(-h)) - (at(2.0 * h) - at(-2.0 * h))) / (12.0 * h);
+        let scale = tangent.abs().max(at(0.0).abs()).max(1.0);
+        prop_assert!((difference - tangent).abs() <= 1e-6 * scale, "{difference} by differences, {tangent}");
+    }
+
+    #[test]
+    fn bits_do_not_depend_on_threads_or_blocks(steps in steps(), data in data()) {
+        let program = record(&steps);
+        let direction = data.direction::<f32>();
+        let run = |threads: usize, block: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let mut ws = data.workspace::<f32>(&program, block);
+                let mut bits: Vec<u32> = Vec::new();
+                program.jvp(&mut ws, &named(&direction)).unwrap();
+                program.vjp(&mut ws, "loss").unwrap();
+                let arrays = [ws.output("loss"), ws.output("residual"), ws.tangent("loss"), ws.tangent("residual")];
+                let gradients = PARAMS.iter().map(|p| ws.gradient(p));
+                for array in arrays.into_iter().chain(gradients) {
+                    bits.extend(array.unwrap().iter().map(|x| x.to_bits()));
+                }
+                bits
+            })
+        };
+        let reference = run(1, 512);
+        for (threads, block) in [(1, 64), (2, 64), (3, 4096), (8, 256)] {
+            prop_assert!(run(threads, block) == reference, "{threads} threads, blocks of {block}");
+        }
+    }
+
+    #[test]
+    fn a_reused_workspace_gives_the_same_bits(steps in steps(), data in data()) {
+        let program = record(&steps);
+        let mut ws = data.workspace::<f64>(&program, 512);
+        program.vjp(&mut ws, "loss").unwrap();
+        let first: Vec<Vec<f64>> = PARAMS.iter().map(|p| ws.gradient(p).unwrap().to_vec()).collect();
+        let held = ws.bytes();
+        // A failed call, another output, another mode, and other parameters, then the same again.
+        prop_assert!(program.vjp(&mut ws, "nothing").is_err());
+        prop_assert!(ws.set("scale", &[1.0, 2.0]).is_err());
+        program.vjp(&mut ws, "residual").unwrap();
+        ws.set("scale", &[0.3]).unwrap();
+        program.vjp(&mut ws, "loss").unwrap();
+        ws.set("scale", &data.params::<f64>()[3]).unwrap();
+        program.vjp(&mut ws, "loss").unwrap();
+        prop_assert!(ws.bytes() >= held);
+        for (name, first) in PARAMS.iter().zip(&first) {
+            prop_assert_eq!(ws.gradient(name).unwrap(), &first[..]);
+        }
+    }
+}
