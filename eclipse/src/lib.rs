@@ -12,6 +12,7 @@ pub mod mesh_io;
 pub mod output;
 pub mod progress;
 pub mod reconstruction;
+pub mod reconstruct;
 pub mod report;
 pub mod settings;
 pub mod synthesize;

@@ -1,0 +1,146 @@
+//! Damped Gauss-Newton steps by conjugate gradients, with one group of variables eliminated.
+//!
+//! Minimises ½‖r(z, a)‖² + ½‖z‖² + ½τ‖a − ½‖², where every residual depends linearly on one entry of `a` (the diffuse albedo
+//! of a patch and channel): `a` is eliminated in closed form (variable projection, Golub & Pereyra 1973, with Kaufman's
+//! approximation of the derivative). Only products with the Jacobian are asked of the model; it is never formed.
+
+/// A model linearised at a point: residuals and products with their Jacobian.
+pub trait Linearisation {
+    /// Residuals at the point, weighted so that their variance is one.
+    fn residual(&self) -> &[f32];
+    /// ∂residual/∂a: one entry a residual, for the entry of `a` that it depends on.
+    fn by_albedo(&self) -> &[f32];
+    /// Which entry of `a` each residual depends on.
+    fn groups(&self) -> &[u32];
+    /// J v with `a` held.
+    fn jvp(&mut self, v: &[f32]) -> Vec<f32>;
+    /// Jᵀ w with `a` held.
+    fn vjp(&mut self, w: &[f32]) -> Vec<f32>;
+}
+
+/// A model that can be linearised anywhere.
+pub trait Model {
+    /// What the linearisation is.
+    type At: Linearisation;
+    /// Residuals and derivatives at `z`; `None` for `a` takes the best, which is returned beside.
+    fn linearise(&self, z: &[f32]) -> (Self::At, Vec<f32>);
+}
+
+/// How steps are taken.
+#[derive(Clone, Copy, Debug)]
+pub struct StepOptions {
+    /// Products JᵀWJv a step.
+    pub products: usize,
+    /// A step ends early when the squared residual of the normal equations falls by this factor.
+    pub tolerance: f64,
+    /// Precision τ of the prior of `a` about one half.
+    pub albedo_precision: f32,
+    /// No entry of z moves further than this in one step.
+    pub largest_move: f32,
+}
+
+/// Minimises ½Σ(aᵍ·bᵢ − yᵢ)² + ½τ(aᵍ − ½)² over a, where bᵢ = ∂rᵢ/∂a and −yᵢ = rᵢ − aᵍ·bᵢ.
+pub fn best_albedo(residual: &[f32], by_albedo: &[f32], groups: &[u32], current: &[f32], tau: f32) -> Vec<f32> {
+    let mut top = vec![0.5 * f64::from(tau); current.len()];
+    let mut bottom = vec![f64::from(tau); current.len()];
+    for ((&r, &b), &g) in residual.iter().zip(by_albedo).zip(groups) {
+        let y = f64::from(current[g as usize] * b - r);
+        top[g as usize] += f64::from(b) * y;
+        bottom[g as usize] += f64::from(b) * f64::from(b);
+    }
+    top.iter().zip(&bottom).map(|(t, b)| (t / b) as f32).collect()
+}
+
+/// ½‖r‖² + ½‖z‖² + ½τ‖a − ½‖².
+pub fn cost(residual: &[f32], z: &[f32], albedo: &[f32], tau: f32) -> f64 {
+    let square = |v: &[f32]| v.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>();
+    let tie: f64 = albedo.iter().map(|&a| f64::from(a - 0.5).powi(2)).sum();
+    0.5 * (square(residual) + square(z) + f64::from(tau) * tie)
+}
+
+/// A proposed step and what it promises.
+#[derive(Clone, Debug)]
+pub struct Step {
+    /// The change of z.
+    pub delta: Vec<f32>,
+    /// By how much the linearised cost falls.
+    pub predicted: f64,
+    /// Products spent.
+    pub products: usize,
+}
+
+/// One damped step from `z`, whose `a` is at its best.
+pub fn step<L: Linearisation>(at: &mut L, z: &[f32], groups: usize, damping: f32, options: &StepOptions) -> Step {
+    let projector = Projector::new(at, groups, options.albedo_precision);
+    let residual = at.residual().to_vec();
+    let mut gradient = at.vjp(&residual);
+    add(&mut gradient, 1.0, z);
+    let mut product = |v: &[f32], damping: f32| {
+        let mut u = at.jvp(v);
+        projector.project(at, &mut u);
+        let mut h = at.vjp(&u);
+        add(&mut h, 1.0 + damping, v);
+        h
+    };
+    let mut x = vec![0.0; z.len()];
+    let mut r: Vec<f32> = gradient.iter().map(|g| -g).collect();
+    let mut p = r.clone();
+    let mut rr = dot(&r, &r);
+    let first = rr;
+    let mut products = 0;
+    while products < options.products && rr > options.tolerance * first {
+        let hp = product(&p, damping);
+        let alpha = (rr / dot(&p, &hp)) as f32;
+        add(&mut x, alpha, &p);
+        add(&mut r, -alpha, &hp);
+        let next = dot(&r, &r);
+        let beta = (next / rr) as f32;
+        rr = next;
+        p.iter_mut().zip(&r).for_each(|(p, r)| *p = r + beta * *p);
+        products += 1;
+    }
+    let largest = x.iter().fold(0.0f32, |m, v| m.max(v.abs()));
+    let scale = (options.largest_move / largest.max(1e-30)).min(1.0);
+    x.iter_mut().for_each(|v| *v *= scale);
+    // From (H + λ) x = −g − r: no further product is needed for the prediction, unless the step was cut short.
+    let hx = product(&x, 0.0);
+    let predicted = -(dot(&gradient, &x) + 0.5 * dot(&x, &hx));
+    Step { delta: x, predicted, products }
+}
+
+/// Removes from a residual-space vector what a change of `a` would take up.
+struct Projector {
+    inverse: Vec<f64>,
+}
+
+impl Projector {
+    fn new<L: Linearisation>(at: &L, groups: usize, tau: f32) -> Self {
+        let mut diagonal = vec![f64::from(tau); groups];
+        for (&b, &g) in at.by_albedo().iter().zip(at.groups()) {
+            diagonal[g as usize] += f64::from(b) * f64::from(b);
+        }
+        Self { inverse: diagonal.iter().map(|d| 1.0 / d).collect() }
+    }
+
+    fn project<L: Linearisation>(&self, at: &L, u: &mut [f32]) {
+        let (b, g) = (at.by_albedo(), at.groups());
+        let mut along = vec![0.0; self.inverse.len()];
+        for i in 0..u.len() {
+            along[g[i] as usize] += f64::from(b[i]) * f64::from(u[i]);
+        }
+        along.iter_mut().zip(&self.inverse).for_each(|(a, inverse)| *a *= inverse);
+        for i in 0..u.len() {
+            u[i] -= b[i] * along[g[i] as usize] as f32;
+        }
+    }
+}
+
+/// The inner product, summed in double precision.
+pub fn dot(a: &[f32], b: &[f32]) -> f64 {
+    a.iter().zip(b).map(|(&x, &y)| f64::from(x) * f64::from(y)).sum()
+}
+
+/// y += s·x.
+pub fn add(y: &mut [f32], s: f32, x: &[f32]) {
+    y.iter_mut().zip(x).for_each(|(y, x)| *y += s * x);
+}
