@@ -1,6 +1,7 @@
 //! From a capture to light, materials and occluders.
 
 pub mod cutout;
+pub mod fast;
 pub mod least_squares;
 pub mod maps;
 pub mod model;

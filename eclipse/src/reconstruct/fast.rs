@@ -1,0 +1,102 @@
+//! The `fast` preset: second-order steps on patches, coarse grid first.
+
+use std::time::Instant;
+
+use render::{bvh::Bvh, lat_long::LatLong, transport::Quadrature};
+
+use super::{
+    cutout::Stand,
+    least_squares::{self, Linearisation, StepOptions},
+    model::{At, Shared},
+    patches::{Observations, PatchOptions},
+    transport,
+};
+use crate::{capture::Frame, reconstruction::Noise};
+
+/// One stage of the schedule: a grid, and how finely the surface is divided.
+#[derive(Clone, Copy, Debug)]
+pub struct Stage {
+    /// Rows of the grid of light.
+    pub rows: usize,
+    /// About how many patches.
+    pub patches: usize,
+    /// Members of a patch.
+    pub members: usize,
+    /// Most steps.
+    pub steps: usize,
+    /// Products a step.
+    pub products: usize,
+}
+
+/// What the steps of a stage end with.
+pub struct Solution {
+    /// Parameters in units of their priors.
+    pub z: Vec<f32>,
+    /// Albedo, `[channel][patch]`.
+    pub albedo: Vec<f32>,
+    /// Twice the data term per residual.
+    pub chi2: f64,
+}
+
+/// Prepares a stage.
+pub fn prepare(bvh: &Bvh, frames: &[Frame], noise: &Noise, stage: &Stage, seed: u64, occluders: bool, threads: usize) -> (Observations, Shared) {
+    let options = PatchOptions { count: stage.patches, members: stage.members, model_error: 0.006 };
+    let observations = Observations::gather(bvh, frames, noise, &options, seed, &|_, _| true);
+    let quadrature = Quadrature::new(LatLong::new(stage.rows, 2 * stage.rows), 2);
+    let rows = transport::rows(bvh, &quadrature, &observations.patches);
+    let stands = if occluders { frames.iter().map(|f| Stand::behind(&f.camera)).collect() } else { Vec::new() };
+    let shared = Shared::new(quadrature.grid(), rows, &observations, stands, 16.0, threads);
+    (observations, shared)
+}
+
+/// Carries a solution to a finer stage: coarse levels come first in every group of parameters.
+pub fn refine(from: &Shared, z: &[f32], to: &Shared) -> Vec<f32> {
+    let mut fine = vec![0.0; to.parameters()];
+    let (a, b) = (from.ranges(), to.ranges());
+    let (coarse, finer) = (a[0].len() / 3, b[0].len() / 3);
+    for c in 0..3 {
+        fine[c * finer..c * finer + coarse.min(finer)].copy_from_slice(&z[c * coarse..c * coarse + coarse.min(finer)]);
+    }
+    for k in 1..3 {
+        fine[b[k].clone()].copy_from_slice(&z[a[k].clone()]);
+    }
+    // The mean radiance of the two stages differs by how their patches sample the surface.
+    fine
+}
+
+/// Steps until the stage's limit, `on_step` told of each.
+pub fn solve(
+    shared: &Shared,
+    stage: &Stage,
+    start: Vec<f32>,
+    on_step: &mut dyn FnMut(usize, &At<'_>, &[f32], &[f32], f64, f64) -> bool,
+) -> Result<Solution, autodiff::RunError> {
+    let options = StepOptions { products: stage.products, tolerance: 1e-6, albedo_precision: shared.albedo_precision, largest_move: 20.0 };
+    let mut z = start;
+    let (mut at, mut albedo) = shared.linearise(&z)?;
+    let mut cost = least_squares::cost(at.residual(), &z, &albedo, shared.albedo_precision);
+    let mut damping = 10.0f32;
+    let began = Instant::now();
+    for step in 0..stage.steps {
+        let proposal = least_squares::step(&mut at, &z, albedo.len(), damping, &options);
+        let candidate: Vec<f32> = z.iter().zip(&proposal.delta).map(|(a, b)| a + b).collect();
+        let (next, next_albedo) = shared.linearise(&candidate)?;
+        let next_cost = least_squares::cost(next.residual(), &candidate, &next_albedo, shared.albedo_precision);
+        let gain = (cost - next_cost) / proposal.predicted;
+        if next_cost < cost {
+            (z, at, albedo, cost) = (candidate, next, next_albedo, next_cost);
+            if gain > 0.7 {
+                damping = (damping * 0.4).max(1e-3);
+            } else if gain < 0.3 {
+                damping *= 2.0;
+            }
+        } else {
+            damping *= 5.0;
+        }
+        if !on_step(step, &at, &z, &albedo, cost, began.elapsed().as_secs_f64()) {
+            break;
+        }
+    }
+    let chi2 = at.residual().iter().map(|&r| f64::from(r).powi(2)).sum::<f64>() / at.residual().len() as f64;
+    Ok(Solution { z, albedo, chi2 })
+}
