@@ -43,14 +43,26 @@ impl Stand {
         let centre = camera.centre();
         // Looking straight down there is no horizontal direction; the plane then stands at a tenth of the distance.
         let distance = centre.truncate().length().max(0.1 * centre.length());
-        let normal = Vec3::new(centre.x, centre.y, 0.0).try_normalize().unwrap_or(Vec3::X);
-        Self { normal, lateral: Vec3::new(-normal.y, normal.x, 0.0), distance, height: centre.z / distance }
+        let normal = Vec3::new(centre.x, centre.y, 0.0)
+            .try_normalize()
+            .unwrap_or(Vec3::X);
+        Self {
+            normal,
+            lateral: Vec3::new(-normal.y, normal.x, 0.0),
+            distance,
+            height: centre.z / distance,
+        }
     }
 
     /// Where a ray from the origin meets the plane; `None` when it leads elsewhere.
     fn meet(&self, direction: Vec3) -> Option<[f32; 2]> {
         let towards = direction.dot(self.normal);
-        (towards > 0.15).then(|| [direction.dot(self.lateral) / towards, direction.z / towards - self.height])
+        (towards > 0.15).then(|| {
+            [
+                direction.dot(self.lateral) / towards,
+                direction.z / towards - self.height,
+            ]
+        })
     }
 }
 
@@ -60,11 +72,13 @@ impl Stand {
 pub fn person(height: f32, half_width: f32) -> Vec<f32> {
     (0..TEXTURE.len())
         .map(|i| {
-            let u = ((i % TEXTURE.columns) as f32 + 0.5) / TEXTURE.columns as f32 * 2.0 * REACH - REACH;
-            let v = TOP - ((i / TEXTURE.columns) as f32 + 0.5) / TEXTURE.rows as f32 * (TOP - BOTTOM);
+            let u =
+                ((i % TEXTURE.columns) as f32 + 0.5) / TEXTURE.columns as f32 * 2.0 * REACH - REACH;
+            let v =
+                TOP - ((i / TEXTURE.columns) as f32 + 0.5) / TEXTURE.rows as f32 * (TOP - BOTTOM);
             let middle = 0.1 - 0.5 * height;
             let r = ((u / half_width).powi(2) + ((v - middle) / (0.5 * height)).powi(2)).sqrt();
-            (6.0 * (1.0 - r)).clamp(-5.0, 2.0)
+            (6.0 * (1.0 - r)).clamp(-8.0, 2.0)
         })
         .collect()
 }
@@ -116,23 +130,46 @@ impl Cutout {
         let u = (from_origin[0] + parallax[0] * inverse_distance - p[0] * FRAME_SD[0]) / width;
         let v = (from_origin[1] + parallax[1] * inverse_distance - p[1] * FRAME_SD[1]) / scale;
         let [x, y] = [texture_x(u), texture_y(v)];
-        let inside = x >= 0.0 && y >= 0.0 && x < (TEXTURE.columns - 1) as f32 && y < (TEXTURE.rows - 1) as f32;
+        let inside = x >= 0.0
+            && y >= 0.0
+            && x < (TEXTURE.columns - 1) as f32
+            && y < (TEXTURE.rows - 1) as f32;
         if !inside {
             return None;
         }
         let cell = [x.floor(), y.floor()];
         let first = cell[1] as u32 * TEXTURE.columns as u32 + cell[0] as u32;
-        let corners = [first, first + 1, first + TEXTURE.columns as u32, first + TEXTURE.columns as u32 + 1];
+        let corners = [
+            first,
+            first + 1,
+            first + TEXTURE.columns as u32,
+            first + TEXTURE.columns as u32 + 1,
+        ];
         let (fx, fy) = (x - cell[0], y - cell[1]);
-        let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
-        let logit = corners.iter().zip(weights).map(|(&c, w)| w * self.texture[c as usize]).sum();
-        Some(Place { cell, corners, logit })
+        let weights = [
+            (1.0 - fx) * (1.0 - fy),
+            fx * (1.0 - fy),
+            (1.0 - fx) * fy,
+            fx * fy,
+        ];
+        let logit = corners
+            .iter()
+            .zip(weights)
+            .map(|(&c, w)| w * self.texture[c as usize])
+            .sum();
+        Some(Place {
+            cell,
+            corners,
+            logit,
+        })
     }
 
     /// The share of light that a ray from `point` loses to the cutout.
     pub fn opacity(&self, frame: usize, point: Vec3, direction: Vec3) -> f32 {
         let stand = &self.stands[frame];
-        let Some(from_origin) = stand.meet(direction) else { return 0.0 };
+        let Some(from_origin) = stand.meet(direction) else {
+            return 0.0;
+        };
         let place = self.place(frame, from_origin, parallax(stand, point, from_origin));
         place.map_or(0.0, |place| sigmoid(place.logit))
     }
@@ -140,15 +177,26 @@ impl Cutout {
     /// The rays of each view (patch position, frame) that the cutout may stop, out of the patch's row of the transport.
     ///
     /// `rows` is `[patch][texel]`.
-    pub fn rays(&self, grid: LatLong, positions: &[Vec3], rows: &[f32], views: &[(u32, u32)]) -> ShadowRays {
-        let directions: Vec<Vec3> =
-            (0..grid.len()).map(|d| grid.texel_direction(d / grid.columns, d % grid.columns)).collect();
-        let reach = |uv: &[f32; 2]| uv[0].abs() < 1.5 * REACH && uv[1] < TOP + 0.4 && uv[1] > 1.3 * BOTTOM;
+    pub fn rays(
+        &self,
+        grid: LatLong,
+        positions: &[Vec3],
+        rows: &[f32],
+        views: &[(u32, u32)],
+    ) -> ShadowRays {
+        let directions: Vec<Vec3> = (0..grid.len())
+            .map(|d| grid.texel_direction(d / grid.columns, d % grid.columns))
+            .collect();
+        let reach =
+            |uv: &[f32; 2]| uv[0].abs() < 1.5 * REACH && uv[1] < TOP + 0.4 && uv[1] > 1.3 * BOTTOM;
         let ahead: Vec<Vec<(u32, [f32; 2])>> = self
             .stands
             .par_iter()
             .map(|stand| {
-                let met = directions.iter().enumerate().filter_map(|(d, &w)| Some((d as u32, stand.meet(w)?)));
+                let met = directions
+                    .iter()
+                    .enumerate()
+                    .filter_map(|(d, &w)| Some((d as u32, stand.meet(w)?)));
                 met.filter(|(_, uv)| reach(uv)).collect()
             })
             .collect();
@@ -166,7 +214,10 @@ impl Cutout {
                             continue;
                         }
                         let shift = parallax(stand, positions[patch as usize], uv);
-                        if let Some(place) = self.place(frame as usize, uv, shift).filter(|p| p.logit > CLEAR) {
+                        if let Some(place) = self
+                            .place(frame as usize, uv, shift)
+                            .filter(|p| p.logit > CLEAR)
+                        {
                             rays.push(texel, weight, uv, shift, &place);
                         }
                     }
@@ -194,7 +245,10 @@ impl ShadowRays {
     }
 
     fn join(parts: Vec<Self>) -> Self {
-        let mut all = Self { offsets: vec![0], ..Self::default() };
+        let mut all = Self {
+            offsets: vec![0],
+            ..Self::default()
+        };
         for part in parts {
             let start = all.texel.len() as u32;
             all.offsets.extend(part.offsets.iter().map(|o| o + start));
@@ -220,7 +274,10 @@ impl ShadowRays {
 fn parallax(stand: &Stand, point: Vec3, from_origin: [f32; 2]) -> [f32; 2] {
     let along = point.dot(stand.normal);
     let height = from_origin[1] + stand.height;
-    [point.dot(stand.lateral) - along * from_origin[0], point.z - along * height]
+    [
+        point.dot(stand.lateral) - along * from_origin[0],
+        point.z - along * height,
+    ]
 }
 
 /// The texture's column coordinate, texel centres at integers.

@@ -13,6 +13,9 @@ use super::{
 };
 use crate::{capture::Frame, reconstruction::Noise};
 
+/// No texel's log radiance changes by more in one step: beyond, the linearisation of the exponential means nothing.
+const LARGEST_CHANGE: f32 = 3.0;
+
 /// One stage of the schedule: a grid, and how finely the surface is divided.
 #[derive(Clone, Copy, Debug)]
 pub struct Stage {
@@ -39,13 +42,36 @@ pub struct Solution {
 }
 
 /// Prepares a stage.
-pub fn prepare(bvh: &Bvh, frames: &[Frame], noise: &Noise, stage: &Stage, seed: u64, occluders: bool, threads: usize) -> (Observations, Shared) {
-    let options = PatchOptions { count: stage.patches, members: stage.members, model_error: 0.006 };
+pub fn prepare(
+    bvh: &Bvh,
+    frames: &[Frame],
+    noise: &Noise,
+    stage: &Stage,
+    seed: u64,
+    occluders: bool,
+    threads: usize,
+) -> (Observations, Shared) {
+    let options = PatchOptions {
+        count: stage.patches,
+        members: stage.members,
+        model_error: 0.006,
+    };
     let observations = Observations::gather(bvh, frames, noise, &options, seed, &|_, _| true);
     let quadrature = Quadrature::new(LatLong::new(stage.rows, 2 * stage.rows), 2);
     let rows = transport::rows(bvh, &quadrature, &observations.patches);
-    let stands = if occluders { frames.iter().map(|f| Stand::behind(&f.camera)).collect() } else { Vec::new() };
-    let shared = Shared::new(quadrature.grid(), rows, &observations, stands, 16.0, threads);
+    let stands = if occluders {
+        frames.iter().map(|f| Stand::behind(&f.camera)).collect()
+    } else {
+        Vec::new()
+    };
+    let shared = Shared::new(
+        quadrature.grid(),
+        rows,
+        &observations,
+        stands,
+        16.0,
+        threads,
+    );
     (observations, shared)
 }
 
@@ -55,7 +81,8 @@ pub fn refine(from: &Shared, z: &[f32], to: &Shared) -> Vec<f32> {
     let (a, b) = (from.ranges(), to.ranges());
     let (coarse, finer) = (a[0].len() / 3, b[0].len() / 3);
     for c in 0..3 {
-        fine[c * finer..c * finer + coarse.min(finer)].copy_from_slice(&z[c * coarse..c * coarse + coarse.min(finer)]);
+        fine[c * finer..c * finer + coarse.min(finer)]
+            .copy_from_slice(&z[c * coarse..c * coarse + coarse.min(finer)]);
     }
     for k in 1..3 {
         fine[b[k].clone()].copy_from_slice(&z[a[k].clone()]);
@@ -71,7 +98,11 @@ pub fn solve(
     start: Vec<f32>,
     on_step: &mut dyn FnMut(usize, &At<'_>, &[f32], &[f32], f64, f64) -> bool,
 ) -> Result<Solution, autodiff::RunError> {
-    let options = StepOptions { products: stage.products, tolerance: 1e-6, albedo_precision: shared.albedo_precision, largest_move: 20.0 };
+    let options = StepOptions {
+        products: stage.products,
+        tolerance: 1e-6,
+        albedo_precision: shared.albedo_precision,
+    };
     let mut z = start;
     let (mut at, mut albedo) = shared.linearise(&z)?;
     let mut cost = least_squares::cost(at.residual(), &z, &albedo, shared.albedo_precision);
@@ -79,10 +110,20 @@ pub fn solve(
     let began = Instant::now();
     for step in 0..stage.steps {
         let proposal = least_squares::step(&mut at, &z, albedo.len(), damping, &options);
-        let candidate: Vec<f32> = z.iter().zip(&proposal.delta).map(|(a, b)| a + b).collect();
+        let share = (LARGEST_CHANGE / shared.largest_change(&proposal.delta)).min(1.0);
+        let candidate: Vec<f32> = z
+            .iter()
+            .zip(&proposal.delta)
+            .map(|(a, b)| a + share * b)
+            .collect();
         let (next, next_albedo) = shared.linearise(&candidate)?;
-        let next_cost = least_squares::cost(next.residual(), &candidate, &next_albedo, shared.albedo_precision);
-        let gain = (cost - next_cost) / proposal.predicted;
+        let next_cost = least_squares::cost(
+            next.residual(),
+            &candidate,
+            &next_albedo,
+            shared.albedo_precision,
+        );
+        let gain = (cost - next_cost) / proposal.predicted(f64::from(share));
         if next_cost < cost {
             (z, at, albedo, cost) = (candidate, next, next_albedo, next_cost);
             if gain > 0.7 {
@@ -97,6 +138,11 @@ pub fn solve(
             break;
         }
     }
-    let chi2 = at.residual().iter().map(|&r| f64::from(r).powi(2)).sum::<f64>() / at.residual().len() as f64;
+    let chi2 = at
+        .residual()
+        .iter()
+        .map(|&r| f64::from(r).powi(2))
+        .sum::<f64>()
+        / at.residual().len() as f64;
     Ok(Solution { z, albedo, chi2 })
 }

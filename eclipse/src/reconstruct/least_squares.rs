@@ -35,12 +35,16 @@ pub struct StepOptions {
     pub tolerance: f64,
     /// Precision τ of the prior of `a` about one half.
     pub albedo_precision: f32,
-    /// No entry of z moves further than this in one step.
-    pub largest_move: f32,
 }
 
 /// Minimises ½Σ(aᵍ·bᵢ − yᵢ)² + ½τ(aᵍ − ½)² over a, where bᵢ = ∂rᵢ/∂a and −yᵢ = rᵢ − aᵍ·bᵢ.
-pub fn best_albedo(residual: &[f32], by_albedo: &[f32], groups: &[u32], current: &[f32], tau: f32) -> Vec<f32> {
+pub fn best_albedo(
+    residual: &[f32],
+    by_albedo: &[f32],
+    groups: &[u32],
+    current: &[f32],
+    tau: f32,
+) -> Vec<f32> {
     let mut top = vec![0.5 * f64::from(tau); current.len()];
     let mut bottom = vec![f64::from(tau); current.len()];
     for ((&r, &b), &g) in residual.iter().zip(by_albedo).zip(groups) {
@@ -48,7 +52,10 @@ pub fn best_albedo(residual: &[f32], by_albedo: &[f32], groups: &[u32], current:
         top[g as usize] += f64::from(b) * y;
         bottom[g as usize] += f64::from(b) * f64::from(b);
     }
-    top.iter().zip(&bottom).map(|(t, b)| (t / b) as f32).collect()
+    top.iter()
+        .zip(&bottom)
+        .map(|(t, b)| (t / b) as f32)
+        .collect()
 }
 
 /// ½‖r‖² + ½‖z‖² + ½τ‖a − ½‖².
@@ -63,14 +70,29 @@ pub fn cost(residual: &[f32], z: &[f32], albedo: &[f32], tau: f32) -> f64 {
 pub struct Step {
     /// The change of z.
     pub delta: Vec<f32>,
-    /// By how much the linearised cost falls.
-    pub predicted: f64,
+    /// Gradient along `delta`.
+    pub slope: f64,
+    /// Curvature of the linearised cost along `delta`.
+    pub curvature: f64,
     /// Products spent.
     pub products: usize,
 }
 
+impl Step {
+    /// By how much the linearised cost falls over the share `s` of the step.
+    pub fn predicted(&self, s: f64) -> f64 {
+        -(s * self.slope + 0.5 * s * s * self.curvature)
+    }
+}
+
 /// One damped step from `z`, whose `a` is at its best.
-pub fn step<L: Linearisation>(at: &mut L, z: &[f32], groups: usize, damping: f32, options: &StepOptions) -> Step {
+pub fn step<L: Linearisation>(
+    at: &mut L,
+    z: &[f32],
+    groups: usize,
+    damping: f32,
+    options: &StepOptions,
+) -> Step {
     let projector = Projector::new(at, groups, options.albedo_precision);
     let residual = at.residual().to_vec();
     let mut gradient = at.vjp(&residual);
@@ -99,13 +121,13 @@ pub fn step<L: Linearisation>(at: &mut L, z: &[f32], groups: usize, damping: f32
         p.iter_mut().zip(&r).for_each(|(p, r)| *p = r + beta * *p);
         products += 1;
     }
-    let largest = x.iter().fold(0.0f32, |m, v| m.max(v.abs()));
-    let scale = (options.largest_move / largest.max(1e-30)).min(1.0);
-    x.iter_mut().for_each(|v| *v *= scale);
-    // From (H + λ) x = −g − r: no further product is needed for the prediction, unless the step was cut short.
     let hx = product(&x, 0.0);
-    let predicted = -(dot(&gradient, &x) + 0.5 * dot(&x, &hx));
-    Step { delta: x, predicted, products }
+    Step {
+        slope: dot(&gradient, &x),
+        curvature: dot(&x, &hx),
+        delta: x,
+        products,
+    }
 }
 
 /// Removes from a residual-space vector what a change of `a` would take up.
@@ -119,7 +141,9 @@ impl Projector {
         for (&b, &g) in at.by_albedo().iter().zip(at.groups()) {
             diagonal[g as usize] += f64::from(b) * f64::from(b);
         }
-        Self { inverse: diagonal.iter().map(|d| 1.0 / d).collect() }
+        Self {
+            inverse: diagonal.iter().map(|d| 1.0 / d).collect(),
+        }
     }
 
     fn project<L: Linearisation>(&self, at: &L, u: &mut [f32]) {
@@ -128,7 +152,10 @@ impl Projector {
         for i in 0..u.len() {
             along[g[i] as usize] += f64::from(b[i]) * f64::from(u[i]);
         }
-        along.iter_mut().zip(&self.inverse).for_each(|(a, inverse)| *a *= inverse);
+        along
+            .iter_mut()
+            .zip(&self.inverse)
+            .for_each(|(a, inverse)| *a *= inverse);
         for i in 0..u.len() {
             u[i] -= b[i] * along[g[i] as usize] as f32;
         }
@@ -137,7 +164,10 @@ impl Projector {
 
 /// The inner product, summed in double precision.
 pub fn dot(a: &[f32], b: &[f32]) -> f64 {
-    a.iter().zip(b).map(|(&x, &y)| f64::from(x) * f64::from(y)).sum()
+    a.iter()
+        .zip(b)
+        .map(|(&x, &y)| f64::from(x) * f64::from(y))
+        .sum()
 }
 
 /// y += s·x.

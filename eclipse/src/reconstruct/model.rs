@@ -75,7 +75,9 @@ impl Shared {
         albedo_precision: f32,
         threads: usize,
     ) -> Self {
-        let levels = (0..).take_while(|k| grid.rows >> k > 0 && (grid.rows - 1) >> k > 0).count();
+        let levels = (0..)
+            .take_while(|k| grid.rows >> k > 0 && (grid.rows - 1) >> k > 0)
+            .count();
         let environment = Arc::new(Pyramid::new(grid, levels));
         let texture = Arc::new(Pyramid::new(TEXTURE, TEXTURE_DEVIATIONS.len()));
         let finest_first = &ENVIRONMENT_DEVIATIONS[usize::from(grid.rows <= 25)..];
@@ -91,10 +93,16 @@ impl Shared {
             direction_offsets.push(direction_texel.len() as u32);
         }
         let by_channel = |part: &dyn Fn(&super::patches::View, usize) -> f32| -> Arc<[f32]> {
-            (0..3).flat_map(|c| views.iter().map(move |v| part(v, c))).collect()
+            (0..3)
+                .flat_map(|c| views.iter().map(move |v| part(v, c)))
+                .collect()
         };
         let groups = (0..3)
-            .flat_map(|c| views.iter().map(move |v| (c * patches.len()) as u32 + v.patch))
+            .flat_map(|c| {
+                views
+                    .iter()
+                    .map(move |v| (c * patches.len()) as u32 + v.patch)
+            })
             .collect();
         let fixed = Fixed {
             direction_offsets: direction_offsets.into(),
@@ -109,8 +117,10 @@ impl Shared {
             texture_deviation: level_deviations(&texture, &TEXTURE_DEVIATIONS),
             pyramids: [environment, texture],
         };
-        let mean: f64 = fixed.value.iter().map(|&v| f64::from(v)).sum::<f64>() / fixed.value.len().max(1) as f64;
-        let received: f64 = rows.iter().map(|&w| f64::from(w)).sum::<f64>() / patches.len().max(1) as f64;
+        let mean: f64 = fixed.value.iter().map(|&v| f64::from(v)).sum::<f64>()
+            / fixed.value.len().max(1) as f64;
+        let received: f64 =
+            rows.iter().map(|&w| f64::from(w)).sum::<f64>() / patches.len().max(1) as f64;
         let program = record(&fixed).expect("the patch model compiles");
         Self {
             grid,
@@ -139,9 +149,44 @@ impl Shared {
         let (texture, frames) = if self.stands.is_empty() {
             (0, 0)
         } else {
-            (self.fixed.pyramids[1].len(), FRAME_PARAMETERS * self.stands.len())
+            (
+                self.fixed.pyramids[1].len(),
+                FRAME_PARAMETERS * self.stands.len(),
+            )
         };
-        [0..environment, environment..environment + texture, environment + texture..environment + texture + frames]
+        [
+            0..environment,
+            environment..environment + texture,
+            environment + texture..environment + texture + frames,
+        ]
+    }
+
+    /// The largest change of a texel's log luminance or of a silhouette's logit over a step.
+    pub fn largest_change(&self, delta: &[f32]) -> f32 {
+        let [environment, texture, _] = self.ranges();
+        let fixed = &self.fixed;
+        let largest = |z: &[f32], deviation: &[f32], pyramid: &Pyramid| {
+            let scaled: Vec<f32> = z.iter().zip(deviation).map(|(z, sd)| z * sd).collect();
+            let mut values = vec![0.0; pyramid.finest().len()];
+            pyramid.apply(&scaled, &mut values, 1);
+            values.iter().fold(1e-9f32, |m, v| m.max(v.abs()))
+        };
+        let luminance = environment.start..environment.start + fixed.pyramids[0].len();
+        let light = largest(
+            &delta[luminance],
+            &fixed.environment_deviation,
+            &fixed.pyramids[0],
+        );
+        if texture.is_empty() {
+            return light;
+        }
+        light.max(
+            0.75 * largest(
+                &delta[texture],
+                &fixed.texture_deviation,
+                &fixed.pyramids[1],
+            ),
+        )
     }
 
     /// The number of albedo values: `[channel][patch]`.
@@ -155,14 +200,26 @@ impl Shared {
             return None;
         }
         let [_, texture, frames] = self.ranges();
-        let scaled: Vec<f32> =
-            z[texture].iter().zip(&self.fixed.texture_deviation).map(|(z, sd)| z * sd).collect();
+        let scaled: Vec<f32> = z[texture]
+            .iter()
+            .zip(&self.fixed.texture_deviation)
+            .map(|(z, sd)| z * sd)
+            .collect();
         let mut logits = vec![0.0; TEXTURE.len()];
         self.fixed.pyramids[1].apply(&scaled, &mut logits, 1);
-        logits.iter_mut().zip(&self.start).for_each(|(l, s)| *l += s);
+        logits
+            .iter_mut()
+            .zip(&self.start)
+            .for_each(|(l, s)| *l += s);
         let (z, count) = (&z[frames], self.stands.len());
-        let frames = (0..count).map(|t| std::array::from_fn(|k| z[k * count + t])).collect();
-        Some(Cutout { texture: logits, frames, stands: self.stands.clone() })
+        let frames = (0..count)
+            .map(|t| std::array::from_fn(|k| z[k * count + t]))
+            .collect();
+        Some(Cutout {
+            texture: logits,
+            frames,
+            stands: self.stands.clone(),
+        })
     }
 
     /// Linearises at `z`, with the albedo at its best: the linearisation and the albedo.
@@ -172,16 +229,31 @@ impl Shared {
     pub fn linearise(&self, z: &[f32]) -> Result<(At<'_>, Vec<f32>), RunError> {
         let rays = match self.cutout(z) {
             Some(cutout) => cutout.rays(self.grid, &self.positions, &self.rows, &self.views),
-            None => ShadowRays { offsets: vec![0; self.views.len() + 1], ..ShadowRays::default() },
+            None => ShadowRays {
+                offsets: vec![0; self.views.len() + 1],
+                ..ShadowRays::default()
+            },
         };
-        let mut at = At { samples: self.samples(rays.texel.len()), ws: self.bind(z, rays)?, shared: self, residual: vec![], by_albedo: vec![] };
+        let mut at = At {
+            samples: self.samples(rays.texel.len()),
+            ws: self.bind(z, rays)?,
+            shared: self,
+            residual: vec![],
+            by_albedo: vec![],
+        };
         let ones = vec![1.0; self.albedos()];
         at.ws.set("albedo", &vec![0.5; self.albedos()])?;
         self.program.jvp(&mut at.ws, &[("albedo", &ones)])?;
         at.by_albedo = at.ws.tangent("residual")?.to_vec();
         let half = at.ws.output("residual")?.to_vec();
         let current = vec![0.5; self.albedos()];
-        let albedo = least_squares::best_albedo(&half, &at.by_albedo, &self.fixed.groups, &current, self.albedo_precision);
+        let albedo = least_squares::best_albedo(
+            &half,
+            &at.by_albedo,
+            &self.fixed.groups,
+            &current,
+            self.albedo_precision,
+        );
         at.ws.set("albedo", &albedo)?;
         self.program.forward(&mut at.ws)?;
         at.residual = at.ws.output("residual")?.to_vec();
@@ -216,19 +288,46 @@ impl Shared {
         ws.bind("direction weight", fixed.direction_weight.clone())?;
         let modelled = !self.stands.is_empty();
         let nothing = vec![0.0; fixed.pyramids[1].len().max(FRAME_PARAMETERS)];
-        ws.set("silhouette", if modelled { &z[texture] } else { &nothing[..fixed.pyramids[1].len()] })?;
+        ws.set(
+            "silhouette",
+            if modelled {
+                &z[texture]
+            } else {
+                &nothing[..fixed.pyramids[1].len()]
+            },
+        )?;
         ws.set("silhouette deviation", &fixed.texture_deviation)?;
         ws.set("silhouette start", &self.start)?;
-        ws.set("frames", if modelled { &z[frames] } else { &nothing[..FRAME_PARAMETERS] })?;
+        ws.set(
+            "frames",
+            if modelled {
+                &z[frames]
+            } else {
+                &nothing[..FRAME_PARAMETERS]
+            },
+        )?;
         let inverse: Vec<f32> = self.stands.iter().map(|s| 1.0 / s.distance).collect();
-        ws.set("inverse distance", if modelled { &inverse } else { &nothing[..1] })?;
-        let view_frame = if modelled { fixed.view_frame.clone() } else { vec![0; self.views.len()].into() };
+        ws.set(
+            "inverse distance",
+            if modelled { &inverse } else { &nothing[..1] },
+        )?;
+        let view_frame = if modelled {
+            fixed.view_frame.clone()
+        } else {
+            vec![0; self.views.len()].into()
+        };
         ws.bind_index("view frame", view_frame)?;
         ws.bind_index("ray texel", rays.texel.into())?;
         ws.bind("ray weight", rays.weight.into())?;
         for (i, axis) in ["u", "v"].iter().enumerate() {
-            ws.bind(&format!("{axis} from origin"), rays.from_origin[i].as_slice().into())?;
-            ws.bind(&format!("{axis} parallax"), rays.parallax[i].as_slice().into())?;
+            ws.bind(
+                &format!("{axis} from origin"),
+                rays.from_origin[i].as_slice().into(),
+            )?;
+            ws.bind(
+                &format!("{axis} parallax"),
+                rays.parallax[i].as_slice().into(),
+            )?;
             ws.bind(&format!("{axis} cell"), rays.cell[i].as_slice().into())?;
         }
         for (k, corner) in rays.corners.into_iter().enumerate() {
@@ -280,14 +379,27 @@ impl Linearisation for At<'_> {
             direction.push(("silhouette", &v[texture]));
             direction.push(("frames", &v[frames]));
         }
-        self.shared.program.jvp(&mut self.ws, &direction).expect("a direction of the model's own size");
-        self.ws.tangent("residual").expect("an output of the model").to_vec()
+        self.shared
+            .program
+            .jvp(&mut self.ws, &direction)
+            .expect("a direction of the model's own size");
+        self.ws
+            .tangent("residual")
+            .expect("an output of the model")
+            .to_vec()
     }
 
     fn vjp(&mut self, w: &[f32]) -> Vec<f32> {
-        self.shared.program.vjp_with(&mut self.ws, &[("residual", w)]).expect("a cotangent of the model's own size");
+        self.shared
+            .program
+            .vjp_with(&mut self.ws, &[("residual", w)])
+            .expect("a cotangent of the model's own size");
         let mut z = Vec::with_capacity(self.shared.parameters());
-        let names: &[&str] = if self.shared.stands.is_empty() { &["environment"] } else { &["environment", "silhouette", "frames"] };
+        let names: &[&str] = if self.shared.stands.is_empty() {
+            &["environment"]
+        } else {
+            &["environment", "silhouette", "frames"]
+        };
         for name in names {
             z.extend_from_slice(self.ws.gradient(name).expect("a parameter of the model"));
         }
@@ -305,9 +417,14 @@ fn record(fixed: &Fixed) -> Result<Program, autodiff::GraphError> {
     let ray = g.segments("ray", &view);
 
     // Light (Eq. 7), luminance and two chroma components decorrelated.
-    let coefficients = g.param("environment", &level, 3) * g.input("environment deviation", &level, 1);
+    let coefficients =
+        g.param("environment", &level, 3) * g.input("environment deviation", &level, 1);
     let log = coefficients.linear_map(&texel, Arc::new(PyramidMap(fixed.pyramids[0].clone())));
-    let [luminance, red_green, blue_yellow] = [log.channel(0), log.channel(1) * (CHROMA / 2f64.sqrt()), log.channel(2) * (CHROMA / 6f64.sqrt())];
+    let [luminance, red_green, blue_yellow] = [
+        log.channel(0),
+        log.channel(1) * (CHROMA / 2f64.sqrt()),
+        log.channel(2) * (CHROMA / 6f64.sqrt()),
+    ];
     let shifted = luminance + g.input("log radiance", &g.uniform(), 1);
     let log = Array::stack(&[
         &(&shifted + &red_green + &blue_yellow),
@@ -320,22 +437,31 @@ fn record(fixed: &Fixed) -> Result<Program, autodiff::GraphError> {
         .segment_dot(&g.input("direction weight", &direction, 1));
 
     // The cutout.
-    let logits = (g.param("silhouette", &texture_level, 1) * g.input("silhouette deviation", &texture_level, 1))
-        .linear_map(&texture, Arc::new(PyramidMap(fixed.pyramids[1].clone())))
+    let logits = (g.param("silhouette", &texture_level, 1)
+        * g.input("silhouette deviation", &texture_level, 1))
+    .linear_map(&texture, Arc::new(PyramidMap(fixed.pyramids[1].clone())))
         + g.input("silhouette start", &texture, 1);
-    let stands = stands(&g, &frame).gather(&g.index("view frame", &view, &frame)).expand(&ray);
+    let stands = stands(&g, &frame)
+        .gather(&g.index("view frame", &view, &frame))
+        .expand(&ray);
     let inverse_distance = stands.channel(4);
     let place = |axis: &str, shift: usize, scale: usize, sign: f64, offset: f64| -> Var {
-        let met = g.input(&format!("{axis} from origin"), &ray, 1) + &inverse_distance * g.input(&format!("{axis} parallax"), &ray, 1);
+        let met = g.input(&format!("{axis} from origin"), &ray, 1)
+            + &inverse_distance * g.input(&format!("{axis} parallax"), &ray, 1);
         let moved = (met - stands.channel(shift)) * stands.channel(scale);
         moved.affine(sign, offset) - g.input(&format!("{axis} cell"), &ray, 1)
     };
-    let (per_u, per_v) = (f64::from(cutout::texture_x(1.0) - cutout::texture_x(0.0)), f64::from(cutout::texture_y(1.0) - cutout::texture_y(0.0)));
+    let (per_u, per_v) = (
+        f64::from(cutout::texture_x(1.0) - cutout::texture_x(0.0)),
+        f64::from(cutout::texture_y(1.0) - cutout::texture_y(0.0)),
+    );
     let x = place("u", 0, 2, per_u, f64::from(cutout::texture_x(0.0)));
     let y = place("v", 1, 3, per_v, f64::from(cutout::texture_y(0.0)));
     let (rest_x, rest_y) = (x.affine(-1.0, 1.0), y.affine(-1.0, 1.0));
     let weights = [&rest_x * &rest_y, &x * &rest_y, &rest_x * &y, &x * &y];
-    let corners: Vec<_> = (0..4).map(|k| g.index(&format!("corner {k}"), &ray, &texture)).collect();
+    let corners: Vec<_> = (0..4)
+        .map(|k| g.index(&format!("corner {k}"), &ray, &texture))
+        .collect();
     let lookups: Vec<_> = corners.iter().zip(&weights).collect();
     let opacity = logits.gather_weighted(&lookups).sigmoid();
     let taken = radiance
@@ -344,7 +470,8 @@ fn record(fixed: &Fixed) -> Result<Program, autodiff::GraphError> {
 
     let arriving = received.expand(&view) - taken;
     let albedo = g.param("albedo", &patch, 3);
-    let residual = (albedo.expand(&view) * arriving - g.input("value", &view, 3)) * g.input("root weight", &view, 3);
+    let residual = (albedo.expand(&view) * arriving - g.input("value", &view, 3))
+        * g.input("root weight", &view, 3);
     g.compile::<_, Differentiable>(&[("residual", &residual), ("radiance", &radiance)])
 }
 
@@ -355,5 +482,11 @@ fn stands(g: &Graph, frame: &autodiff::Domain) -> Var {
     let inverse_scale = (part(2) * -1.0).exp();
     let inverse_width = &inverse_scale * (part(3) * -1.0).exp();
     let inverse_distance = (part(4) * -1.0).exp() * g.input("inverse distance", frame, 1);
-    Array::stack(&[&part(0), &part(1), &inverse_width, &inverse_scale, &inverse_distance])
+    Array::stack(&[
+        &part(0),
+        &part(1),
+        &inverse_width,
+        &inverse_scale,
+        &inverse_distance,
+    ])
 }

@@ -8,7 +8,10 @@ use std::collections::HashMap;
 
 use glam::{IVec3, Vec3};
 use rayon::prelude::*;
-use render::{bvh::{Bvh, SurfacePoint}, sampler::SampleKey};
+use render::{
+    bvh::{Bvh, SurfacePoint},
+    sampler::SampleKey,
+};
 
 use crate::{capture::Frame, reconstruction::Noise};
 
@@ -83,13 +86,24 @@ pub fn sights(bvh: &Bvh, frame: &Frame, seed: u64, index: usize) -> Vec<Sight> {
         .into_par_iter()
         .filter(|&p| frame.mask.data[p] > 0.999)
         .filter_map(|p| {
-            let mut stream = SampleKey { seed, frame: index as u32, pixel: p as u32, ..SampleKey::default() }.stream();
+            let mut stream = SampleKey {
+                seed,
+                frame: index as u32,
+                pixel: p as u32,
+                ..SampleKey::default()
+            }
+            .stream();
             let [u, v] = stream.uniform_2d();
             let (x, y) = ((p % width) as f32 + u, (p / width) as f32 + v);
             let (point, to_camera) = bvh.seen(&frame.camera, x, y)?;
-            let facing = point.normal.dot(to_camera) > GRAZING && point.geometric_normal.dot(to_camera) > 0.05;
+            let facing = point.normal.dot(to_camera) > GRAZING
+                && point.geometric_normal.dot(to_camera) > 0.05;
             let value = frame.image.pixel(p % width, p / width);
-            facing.then(|| Sight { pixel: p as u32, point, value: [value[0], value[1], value[2]] })
+            facing.then(|| Sight {
+                pixel: p as u32,
+                point,
+                value: [value[0], value[1], value[2]],
+            })
         })
         .collect()
 }
@@ -106,12 +120,17 @@ impl Observations {
         seed: u64,
         used: &(dyn Fn(usize, u32) -> bool + Sync),
     ) -> Self {
-        let sights: Vec<Vec<Sight>> =
-            frames.iter().enumerate().map(|(t, frame)| sights(bvh, frame, seed, t)).collect();
+        let sights: Vec<Vec<Sight>> = frames
+            .iter()
+            .enumerate()
+            .map(|(t, frame)| sights(bvh, frame, seed, t))
+            .collect();
         let all: Vec<&SurfacePoint> = sights.iter().flatten().map(|s| &s.point).collect();
         let seeds = Seeds::scatter(&all, options.count, seed);
-        let patch_of: Vec<Vec<u32>> =
-            sights.iter().map(|list| list.par_iter().map(|s| seeds.nearest(&s.point)).collect()).collect();
+        let patch_of: Vec<Vec<u32>> = sights
+            .iter()
+            .map(|list| list.par_iter().map(|s| seeds.nearest(&s.point)).collect())
+            .collect();
         let mut members: Vec<Vec<SurfacePoint>> = vec![Vec::new(); seeds.points.len()];
         for (list, patch) in sights.iter().zip(&patch_of) {
             for (sight, &patch) in list.iter().zip(patch) {
@@ -129,12 +148,26 @@ impl Observations {
             .zip(frames)
             .map(|((list, patch), frame)| {
                 let mut of = vec![u32::MAX; frame.image.width * frame.image.height];
-                list.iter().zip(patch).for_each(|(sight, &patch)| of[sight.pixel as usize] = patch);
+                list.iter()
+                    .zip(patch)
+                    .for_each(|(sight, &patch)| of[sight.pixel as usize] = patch);
                 of
             })
             .collect();
-        let views = average(&sights, &patch_of, patches.len(), noise, options.model_error, used);
-        Self { patches, views, patch_of_pixel, spacing: seeds.spacing }
+        let views = average(
+            &sights,
+            &patch_of,
+            patches.len(),
+            noise,
+            options.model_error,
+            used,
+        );
+        Self {
+            patches,
+            views,
+            patch_of_pixel,
+            spacing: seeds.spacing,
+        }
     }
 
     /// Where the views of each patch start, and their number last.
@@ -154,8 +187,14 @@ impl Patch {
     fn new(all: Vec<SurfacePoint>, seed: &SurfacePoint, keep: usize) -> Self {
         let count = all.len().min(keep);
         let members: Vec<SurfacePoint> = (0..count).map(|i| all[i * all.len() / count]).collect();
-        let members = if members.is_empty() { vec![*seed] } else { members };
-        let mean = |part: fn(&SurfacePoint) -> Vec3| members.iter().map(part).sum::<Vec3>() / members.len() as f32;
+        let members = if members.is_empty() {
+            vec![*seed]
+        } else {
+            members
+        };
+        let mean = |part: fn(&SurfacePoint) -> Vec3| {
+            members.iter().map(part).sum::<Vec3>() / members.len() as f32
+        };
         Self {
             position: mean(|p| p.position),
             normal: mean(|p| p.normal).try_normalize().unwrap_or(seed.normal),
@@ -195,7 +234,9 @@ fn average(
                     }
                 }
             }
-            cells.into_iter().map(move |(patch, cell)| (patch, t as u32, cell))
+            cells
+                .into_iter()
+                .map(move |(patch, cell)| (patch, t as u32, cell))
         })
         .collect();
     cells.sort_unstable_by_key(|&(patch, frame, _)| (patch, frame));
@@ -206,10 +247,19 @@ fn average(
             let n = f64::from(cell.pixels);
             let value: [f64; 3] = std::array::from_fn(|c| cell.sum[c] / n);
             let weight = std::array::from_fn(|c| {
-                let within = noise.sigma(value[c]).powi(2).max(spread[patch as usize] * value[c].powi(2));
+                let within = noise
+                    .sigma(value[c])
+                    .powi(2)
+                    .max(spread[patch as usize] * value[c].powi(2));
                 (1.0 / (within / n + (f64::from(model_error) * value[c]).powi(2) + 1e-12)) as f32
             });
-            View { patch, frame, value: value.map(|v| v as f32), weight, pixels: cell.pixels }
+            View {
+                patch,
+                frame,
+                value: value.map(|v| v as f32),
+                weight,
+                pixels: cell.pixels,
+            }
         })
         .collect()
 }
@@ -227,11 +277,18 @@ fn relative_spread(cells: &[(u32, u32, Moments)], patches: usize) -> Vec<f64> {
             mean[*patch as usize] += (n - 1.0) * average * average;
         }
     }
-    let mut spread: Vec<f64> = within.iter().zip(&mean).map(|(w, m)| if *m > 1e-9 { w / m } else { f64::NAN }).collect();
+    let mut spread: Vec<f64> = within
+        .iter()
+        .zip(&mean)
+        .map(|(w, m)| if *m > 1e-9 { w / m } else { f64::NAN })
+        .collect();
     let mut known: Vec<f64> = spread.iter().copied().filter(|s| s.is_finite()).collect();
     known.sort_unstable_by(f64::total_cmp);
     let typical = known.get(known.len() / 2).copied().unwrap_or(0.01);
-    spread.iter_mut().filter(|s| !s.is_finite()).for_each(|s| *s = 4.0 * typical);
+    spread
+        .iter_mut()
+        .filter(|s| !s.is_finite())
+        .for_each(|s| *s = 4.0 * typical);
     spread
 }
 
@@ -246,13 +303,26 @@ impl Seeds {
     /// Dart throwing over `points`; the spacing is searched until about `count` remain.
     fn scatter(points: &[&SurfacePoint], count: usize, seed: u64) -> Self {
         let mut order: Vec<usize> = (0..points.len()).collect();
-        let mut stream = SampleKey { seed, frame: u32::MAX, ..SampleKey::default() }.stream();
+        let mut stream = SampleKey {
+            seed,
+            frame: u32::MAX,
+            ..SampleKey::default()
+        }
+        .stream();
         for i in (1..order.len()).rev() {
             let j = ((stream.uniform() * (i + 1) as f32) as usize).min(i);
             order.swap(i, j);
         }
-        let low = points.iter().map(|p| p.position).reduce(Vec3::min).unwrap_or_default();
-        let high = points.iter().map(|p| p.position).reduce(Vec3::max).unwrap_or_default();
+        let low = points
+            .iter()
+            .map(|p| p.position)
+            .reduce(Vec3::min)
+            .unwrap_or_default();
+        let high = points
+            .iter()
+            .map(|p| p.position)
+            .reduce(Vec3::max)
+            .unwrap_or_default();
         let mut spacing = ((high - low).length().max(1e-6)).powi(2) / (count.max(1) as f32);
         spacing = spacing.sqrt();
         let mut seeds = Self::throw(points, &order, spacing);
@@ -268,14 +338,22 @@ impl Seeds {
     }
 
     fn throw(points: &[&SurfacePoint], order: &[usize], spacing: f32) -> Self {
-        let mut seeds = Self { points: Vec::new(), spacing, cells: HashMap::new() };
+        let mut seeds = Self {
+            points: Vec::new(),
+            spacing,
+            cells: HashMap::new(),
+        };
         for &i in order {
             let free = seeds.around(points[i].position, 1).all(|s| {
                 distance(&seeds.points[s as usize], points[i], spacing) >= spacing * spacing
             });
             if free {
                 let cell = seeds.cell(points[i].position);
-                seeds.cells.entry(cell).or_default().push(seeds.points.len() as u32);
+                seeds
+                    .cells
+                    .entry(cell)
+                    .or_default()
+                    .push(seeds.points.len() as u32);
                 seeds.points.push(*points[i]);
             }
         }
@@ -290,10 +368,12 @@ impl Seeds {
         let centre = self.cell(position);
         let side = -reach..=reach;
         side.clone()
-            .flat_map(move |x| side.clone().flat_map({
-                let side = side.clone();
-                move |y| side.clone().map(move |z| IVec3::new(x, y, z))
-            }))
+            .flat_map(move |x| {
+                side.clone().flat_map({
+                    let side = side.clone();
+                    move |y| side.clone().map(move |z| IVec3::new(x, y, z))
+                })
+            })
             .filter_map(move |offset| self.cells.get(&(centre + offset)))
             .flatten()
             .copied()
@@ -311,5 +391,6 @@ impl Seeds {
 
 /// Squared distance in position and, on the scale of the spacing, in normal.
 fn distance(a: &SurfacePoint, b: &SurfacePoint, spacing: f32) -> f32 {
-    a.position.distance_squared(b.position) + spacing * spacing * a.normal.distance_squared(b.normal)
+    a.position.distance_squared(b.position)
+        + spacing * spacing * a.normal.distance_squared(b.normal)
 }

@@ -12,20 +12,23 @@ use super::patches::Patch;
 pub fn rows(bvh: &Bvh, quadrature: &Quadrature, patches: &[Patch]) -> Vec<f32> {
     let grid = quadrature.grid();
     let mut rows = vec![0.0f32; patches.len() * grid.len()];
-    rows.par_chunks_mut(grid.len()).zip(patches).for_each(|(row, patch)| {
-        let share = quadrature.rays() as f32 / (patch.members.len() as f32 * std::f32::consts::PI);
-        for (m, member) in patch.members.iter().enumerate() {
-            let origin = render::bvh::offset_origin(member);
-            for (texel, sum) in row.iter_mut().enumerate() {
-                let ray = (m + texel) % quadrature.rays();
-                let direction: Vec3 = quadrature.direction(texel, ray);
-                let cosine = member.normal.dot(direction);
-                let above = cosine > 0.0 && member.geometric_normal.dot(direction) > 0.0;
-                if above && !bvh.blocked(origin, direction) {
-                    *sum += share * cosine * quadrature.solid_angle(texel, ray);
+    rows.par_chunks_mut(grid.len())
+        .zip(patches)
+        .for_each(|(row, patch)| {
+            let share =
+                quadrature.rays() as f32 / (patch.members.len() as f32 * std::f32::consts::PI);
+            for (m, member) in patch.members.iter().enumerate() {
+                let origin = render::bvh::offset_origin(member);
+                for (texel, sum) in row.iter_mut().enumerate() {
+                    let ray = (m + texel) % quadrature.rays();
+                    let direction: Vec3 = quadrature.direction(texel, ray);
+                    let cosine = member.normal.dot(direction);
+                    let above = cosine > 0.0 && member.geometric_normal.dot(direction) > 0.0;
+                    if above && !bvh.blocked(origin, direction) {
+                        *sum += share * cosine * quadrature.solid_angle(texel, ray);
+                    }
                 }
             }
-        }
-    });
+        });
     rows
 }
