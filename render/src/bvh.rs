@@ -1,4 +1,4 @@
-//! Ray casting against the object (obvhs, binary hierarchy).
+//! Ray casting against the object (obvhs, eight-wide compressed hierarchy).
 //!
 //! Closest hits shade camera rays; occlusion rays find the object's own shadows. Queries take `&self` and keep no
 //! state: any thread may cast any ray.
@@ -9,6 +9,8 @@ use glam::{Vec2, Vec3, Vec3A};
 use obvhs::BvhBuildParams;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2_from_tris;
+use obvhs::cwbvh::CwBvh;
+use obvhs::cwbvh::builder::build_cwbvh_from_tris;
 use obvhs::ray::{Ray as ObvhsRay, RayHit};
 use obvhs::triangle::Triangle;
 
@@ -17,13 +19,23 @@ use crate::mesh::{Mesh, MeshError};
 
 /// The object's triangles in a bounding volume hierarchy.
 pub struct Bvh {
-    tree: Bvh2,
+    tree: Tree,
     /// In the order of the tree's leaves.
     triangles: Vec<Triangle>,
     /// The mesh's face of each of them.
     faces: Vec<u32>,
     mesh: Mesh,
 }
+
+/// The wide tree casts shadow rays about 1.6 times as fast, but walks with a stack of 32 entries; a tree deeper than that
+/// (triangles piled on one another) is walked as a binary one, whose stack grows.
+enum Tree {
+    Wide(CwBvh),
+    Binary(Bvh2),
+}
+
+/// Depth of wide trees that is surely within their stack.
+const MAX_WIDE_DEPTH: usize = 30;
 
 /// Where a ray meets the mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,8 +78,15 @@ impl Bvh {
             pre_split: false,
             ..BvhBuildParams::medium_build()
         };
-        let tree = build_bvh2_from_tris(&all, params, &mut Duration::default());
-        let faces = tree.primitive_indices.clone();
+        let wide = build_cwbvh_from_tris(&all, params, &mut Duration::default());
+        let (tree, faces) = if depth(&wide.compute_parents()) <= MAX_WIDE_DEPTH {
+            let faces = wide.primitive_indices.clone();
+            (Tree::Wide(wide), faces)
+        } else {
+            let binary = build_bvh2_from_tris(&all, params, &mut Duration::default());
+            let faces = binary.primitive_indices.clone();
+            (Tree::Binary(binary), faces)
+        };
         let triangles = faces.iter().map(|&f| all[f as usize]).collect();
         Ok(Self {
             tree,
@@ -86,10 +105,12 @@ impl Bvh {
     pub fn closest(&self, ray: Ray) -> Option<Hit> {
         let ray = ObvhsRay::new_inf(ray.origin.into(), ray.direction.into());
         let mut hit = RayHit::none();
-        if !self
-            .tree
-            .ray_traverse(ray, &mut hit, |ray, i| self.triangles[i].intersect(ray))
-        {
+        let intersect = |ray: &ObvhsRay, i: usize| self.triangles[i].intersect(ray);
+        let found = match &self.tree {
+            Tree::Wide(tree) => tree.ray_traverse(ray, &mut hit, intersect),
+            Tree::Binary(tree) => tree.ray_traverse(ray, &mut hit, intersect),
+        };
+        if !found {
             return None;
         }
         let i = hit.primitive_id as usize;
@@ -116,9 +137,11 @@ impl Bvh {
     #[inline]
     pub fn blocked(&self, origin: Vec3, direction: Vec3) -> bool {
         let ray = ObvhsRay::new_inf(origin.into(), direction.into());
-        !self
-            .tree
-            .ray_traverse_miss(ray, |ray, i| self.triangles[i].intersect(ray))
+        let intersect = |ray: &ObvhsRay, i: usize| self.triangles[i].intersect(ray);
+        !match &self.tree {
+            Tree::Wide(tree) => tree.ray_traverse_miss(ray, intersect),
+            Tree::Binary(tree) => tree.ray_traverse_miss(ray, intersect),
+        }
     }
 
     /// The surface at a hit of a ray with `direction`.
@@ -197,6 +220,15 @@ impl Bvh {
 pub fn offset_origin(point: &SurfacePoint) -> Vec3 {
     let scale = point.position.abs().max_element().max(1e-3);
     point.position + point.geometric_normal * (scale * 512.0 * f32::EPSILON)
+}
+
+/// The depth of a tree from the parent of every node; parents come before their children, the root is its own.
+fn depth(parents: &[u32]) -> usize {
+    let mut depths = vec![0; parents.len()];
+    for node in 1..parents.len() {
+        depths[node] = depths[parents[node] as usize] + 1;
+    }
+    depths.into_iter().max().unwrap_or(0)
 }
 
 /// Barycentric coordinates of the second and third vertex for a point in a triangle's plane.

@@ -123,6 +123,9 @@ pub struct LightDistribution {
     rows: Vec<f32>,
     /// Cumulative mass within its row, up to and including each texel.
     columns: Vec<f32>,
+    /// Where to start searching `rows`, and each row of `columns`.
+    row_guide: Vec<u16>,
+    column_guide: Vec<u16>,
     /// Probability of each texel.
     mass: Vec<f32>,
 }
@@ -162,7 +165,11 @@ impl LightDistribution {
             }));
         }
         let mass = mass.iter().map(|m| (m / sum) as f32).collect();
+        let row_guide = guide(&rows);
+        let column_guide = columns.chunks_exact(grid.columns).flat_map(guide).collect();
         Self {
+            row_guide,
+            column_guide,
             grid,
             rows,
             columns,
@@ -178,9 +185,10 @@ impl LightDistribution {
 
     /// [`sample`](Self::sample) with the grid coordinates (u, v) of the direction in between.
     pub fn sample_at(&self, u: [f32; 2]) -> (Vec3, [f32; 2], f32) {
-        let (row, v) = invert(&self.rows, u[1]);
+        let (row, v) = invert(&self.rows, &self.row_guide, u[1]);
         let conditional = &self.columns[row * self.grid.columns..][..self.grid.columns];
-        let (column, within) = invert(conditional, u[0]);
+        let guide = &self.column_guide[row * self.grid.columns..][..self.grid.columns];
+        let (column, within) = invert(conditional, guide, u[0]);
         let v = (row as f32 + v) / self.grid.rows as f32;
         let u = (column as f32 + within) / self.grid.columns as f32;
         let direction = LatLong::direction(u, v);
@@ -205,16 +213,37 @@ impl LightDistribution {
 
     fn texel_density(&self, texel: usize, direction: Vec3) -> f32 {
         use std::f32::consts::PI;
-        let sin_theta = direction.x.hypot(direction.y).max(1e-6);
+        let sin_theta = (direction.x * direction.x + direction.y * direction.y)
+            .sqrt()
+            .max(1e-6);
         self.mass[texel] * self.grid.len() as f32 / (2.0 * PI * PI * sin_theta)
     }
 }
 
-/// The cell of a cumulative distribution that holds `u`, and the place of `u` within it, of [0, 1).
-fn invert(cumulative: &[f32], u: f32) -> (usize, f32) {
-    let cell = cumulative
-        .partition_point(|&c| c <= u)
-        .min(cumulative.len() - 1);
+/// For each k, the first cell whose cumulative mass exceeds k/n: a search that starts there takes about one step where
+/// bisection would mispredict seven branches (Chen & Asau 1974).
+fn guide(cumulative: &[f32]) -> Vec<u16> {
+    let n = cumulative.len();
+    let start = |k: usize| {
+        cumulative
+            .partition_point(|&c| c <= k as f32 / n as f32)
+            .min(n - 1)
+    };
+    (0..n).map(|k| start(k) as u16).collect()
+}
+
+/// The cell of a cumulative distribution that holds `u` of [0, 1), and the place of `u` within it, of [0, 1).
+#[inline]
+fn invert(cumulative: &[f32], guide: &[u16], u: f32) -> (usize, f32) {
+    let last = cumulative.len() - 1;
+    let mut cell = usize::from(guide[((u * guide.len() as f32) as usize).min(last)]);
+    // Rounding of u · n may have started one cell too far.
+    while cell > 0 && cumulative[cell - 1] > u {
+        cell -= 1;
+    }
+    while cell < last && cumulative[cell] <= u {
+        cell += 1;
+    }
     let below = if cell == 0 { 0.0 } else { cumulative[cell - 1] };
     let width = cumulative[cell] - below;
     let place = if width > 0.0 {

@@ -8,6 +8,8 @@ use std::f32::consts::{PI, TAU};
 
 use glam::Vec3;
 
+use crate::math::{fast_atan2, fast_sin_cos};
+
 /// An equirectangular grid of `rows` × `columns` texels, row-major.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LatLong {
@@ -54,19 +56,17 @@ impl LatLong {
 
     /// The unit direction at (u, v) of [0, 1]².
     pub fn direction(u: f32, v: f32) -> Vec3 {
-        let (sin_phi, cos_phi) = ((0.5 - u) * TAU).sin_cos();
-        let (sin_theta, cos_theta) = (v * PI).sin_cos();
+        let (sin_phi, cos_phi) = fast_sin_cos(0.5 - u);
+        let (sin_theta, cos_theta) = fast_sin_cos(0.5 * v);
         Vec3::new(sin_theta * cos_phi, sin_theta * sin_phi, cos_theta)
     }
 
     /// The coordinates (u, v) of a unit direction.
     pub fn coordinates(direction: Vec3) -> [f32; 2] {
         // acos(z) has no digits left next to the poles; atan2 of the two legs keeps them.
-        let horizontal = direction.x.hypot(direction.y);
-        [
-            0.5 - direction.y.atan2(direction.x) / TAU,
-            horizontal.atan2(direction.z) / PI,
-        ]
+        let horizontal = (direction.x * direction.x + direction.y * direction.y).sqrt();
+        let u = 0.5 - fast_atan2(direction.y, direction.x) * (1.0 / TAU);
+        [u, fast_atan2(horizontal, direction.z) * (1.0 / PI)]
     }
 
     /// The direction of the centre of a texel.
@@ -115,14 +115,22 @@ impl LatLong {
 
     /// The four texels around (u, v); u may be any number, v is clamped.
     pub fn bilinear_at(&self, u: f32, v: f32) -> Bilinear {
-        let x = u * self.columns as f32 - 0.5;
+        let u = if (0.0..=1.0).contains(&u) {
+            u
+        } else {
+            u - u.floor()
+        };
+        // Truncation rounds down only where nothing is negative: the half texel left of the seam is moved up first.
+        let x = u * self.columns as f32 + 0.5;
         let y = (v * self.rows as f32 - 0.5).clamp(0.0, (self.rows - 1) as f32);
-        let left = x.floor();
-        let top = y.floor().min((self.rows - 1) as f32);
-        let (fx, fy) = (x - left, y - top);
-        let wrap = |c: i64| c.rem_euclid(self.columns as i64) as usize;
-        let (c0, c1) = (wrap(left as i64), wrap(left as i64 + 1));
-        let r0 = top as usize;
+        let (right, r0) = (x as usize, y as usize);
+        let (fx, fy) = (x - right as f32, y - r0 as f32);
+        let c1 = if right >= self.columns { 0 } else { right };
+        let c0 = if right == 0 {
+            self.columns - 1
+        } else {
+            right - 1
+        };
         let r1 = (r0 + 1).min(self.rows - 1);
         let at = |r: usize, c: usize| (r * self.columns + c) as u32;
         Bilinear {

@@ -100,9 +100,74 @@ impl Frame {
     }
 }
 
+/// The angle of the point (x, y) in radians, of [−π, π], within 3e-7 (Cephes' `atanf` after Moshier).
+///
+/// Directions are turned into map coordinates several times a sample, where the C library's call costs more than all else.
+#[inline]
+pub fn fast_atan2(y: f32, x: f32) -> f32 {
+    use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI};
+    let (ax, ay) = (x.abs(), y.abs());
+    let (low, high) = if ax < ay { (ax, ay) } else { (ay, ax) };
+    if high == 0.0 {
+        return 0.0;
+    }
+    let ratio = low / high;
+    // tan(π/8) splits the octant: beyond it atan r = π/4 + atan((r − 1)/(r + 1)).
+    let (t, base) = if ratio > 0.414_213_57 {
+        ((low - high) / (low + high), FRAC_PI_4)
+    } else {
+        (ratio, 0.0)
+    };
+    let z = t * t;
+    let series = ((0.080_537_446 * z - 0.138_776_86) * z + 0.199_777_11) * z - 0.333_329_5;
+    let octant = base + (series * z * t + t);
+    let quadrant = if ax < ay { FRAC_PI_2 - octant } else { octant };
+    let half = if x < 0.0 { PI - quadrant } else { quadrant };
+    half.copysign(y)
+}
+
+/// Sine and cosine of `turns` full turns, |turns| ≤ 2, within 3e-7.
+#[inline]
+pub fn fast_sin_cos(turns: f32) -> (f32, f32) {
+    // Quarters are exact to remove in turns; what is left is within π/4.
+    let quarter = (4.0 * turns + 8.5) as i32 - 8;
+    let x = (turns - 0.25 * quarter as f32) * std::f32::consts::TAU;
+    let z = x * x;
+    let sin = ((-1.951_529_6e-4 * z + 8.332_161e-3) * z - 0.166_666_55) * z * x + x;
+    let cos = ((2.443_315_7e-5 * z - 1.388_731_6e-3) * z + 4.166_664_6e-2) * z * z - 0.5 * z + 1.0;
+    match quarter & 3 {
+        0 => (sin, cos),
+        1 => (cos, -sin),
+        2 => (-sin, -cos),
+        _ => (-cos, sin),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn fast_angles_are_close_to_exact_ones() {
+        for i in 0..=4000 {
+            let turns = f64::from(i) / 1000.0 - 2.0;
+            let (sin, cos) = fast_sin_cos(turns as f32);
+            let (s, c) = (turns * std::f64::consts::TAU).sin_cos();
+            // The argument itself is rounded to single precision.
+            assert!(
+                (f64::from(sin) - s).abs() < 8e-7 && (f64::from(cos) - c).abs() < 8e-7,
+                "{turns}"
+            );
+            let angle = fast_atan2(2.5 * sin, 2.5 * cos);
+            let exact = f64::from(sin).atan2(f64::from(cos));
+            assert!(
+                (f64::from(angle) - exact).abs() < 4e-7,
+                "{turns} {angle} {exact}"
+            );
+        }
+        assert_eq!(fast_atan2(0.0, 0.0), 0.0);
+        assert_eq!(fast_atan2(0.0, -1.0), std::f32::consts::PI);
+    }
 
     #[test]
     fn frames_are_orthonormal_right_handed_and_invertible() {

@@ -36,6 +36,8 @@ pub struct Quadrature {
     side: usize,
     /// `[texel][ray]`.
     directions: Vec<Vec3>,
+    /// `[texel]`.
+    centres: Vec<Vec3>,
     /// `[row][ray]`, steradians.
     solid_angles: Vec<f32>,
 }
@@ -69,10 +71,14 @@ impl Quadrature {
                 }
             }
         }
+        let centres = (0..grid.len())
+            .map(|t| grid.texel_direction(t / grid.columns, t % grid.columns))
+            .collect();
         Self {
             grid,
             side,
             directions,
+            centres,
             solid_angles,
         }
     }
@@ -150,19 +156,47 @@ impl Quadrature {
     }
 
     /// Adds `scale` times the row of a point to a dense row.
+    ///
+    /// A ray through every texel's centre comes first. Where it and all eight neighbours agree the texel is as they are; the
+    /// rays of the other texels, along the edges of shadows, are cast. That is less than half of the rays.
     fn accumulate(&self, bvh: &Bvh, point: &SurfacePoint, scale: f32, dense: &mut [f32]) {
         let origin = offset_origin(point);
+        let above = |d: Vec3| point.normal.dot(d) > 0.0 && point.geometric_normal.dot(d) > 0.0;
         let rays = self.rays();
+        let open: Vec<bool> = self
+            .centres
+            .iter()
+            .map(|d| above(*d) && !bvh.blocked(origin, *d))
+            .collect();
         for (texel, directions) in self.directions.chunks_exact(rays).enumerate() {
             let solid_angles = &self.solid_angles[texel / self.grid.columns * rays..][..rays];
+            let agreed = self.agreed(&open, texel);
+            if agreed == Some(false) {
+                continue;
+            }
             for (direction, solid_angle) in directions.iter().zip(solid_angles) {
-                let cosine = point.normal.dot(*direction);
-                let above = cosine > 0.0 && point.geometric_normal.dot(*direction) > 0.0;
-                if above && !bvh.blocked(origin, *direction) {
-                    dense[texel] += scale * cosine * solid_angle;
+                if above(*direction) && (agreed.is_some() || !bvh.blocked(origin, *direction)) {
+                    dense[texel] += scale * point.normal.dot(*direction) * solid_angle;
                 }
             }
         }
+    }
+
+    /// What a texel and its eight neighbours have in common, if anything.
+    fn agreed(&self, open: &[bool], texel: usize) -> Option<bool> {
+        let LatLong { rows, columns } = self.grid;
+        let (row, column) = (texel / columns, texel % columns);
+        // Next to a pole neighbours are on the far side too: always cast there.
+        if row == 0 || row + 1 == rows {
+            return None;
+        }
+        let (left, right) = ((column + columns - 1) % columns, (column + 1) % columns);
+        let same = (row - 1..=row + 1).all(|r| {
+            [left, column, right]
+                .iter()
+                .all(|c| open[r * columns + c] == open[texel])
+        });
+        same.then_some(open[texel])
     }
 }
 
