@@ -46,28 +46,15 @@ fn main() -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     })
 }
 
-/// The best time of several runs, in seconds of this thread's processor time where the system tells it (Linux), so that
-/// other work on the machine disturbs it less.
-fn best(runs: usize, mut run: impl FnMut()) -> f64 {
-    let processor = || {
-        let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
-        text.split_whitespace()
-            .next()?
-            .parse::<f64>()
-            .ok()
-            .map(|ns| ns * 1e-9)
-    };
-    let time = |run: &mut dyn FnMut()| {
-        let (start, before) = (Instant::now(), processor());
+/// The best time of the runs that fit into a second and a half: the least disturbed by other work on the machine.
+fn seconds(mut run: impl FnMut()) -> f64 {
+    let (start, mut best) = (Instant::now(), f64::INFINITY);
+    while start.elapsed().as_secs_f64() < 1.5 {
+        let before = Instant::now();
         run();
-        match (before, processor()) {
-            (Some(before), Some(after)) => after - before,
-            _ => start.elapsed().as_secs_f64(),
-        }
-    };
-    (0..runs)
-        .map(|_| time(&mut run))
-        .fold(f64::INFINITY, f64::min)
+        best = best.min(before.elapsed().as_secs_f64());
+    }
+    best
 }
 
 fn harmonics() {
@@ -75,10 +62,8 @@ fn harmonics() {
     let coefficients: Vec<f32> = (0..625 * FRAMES).map(|i| (0.37 * i as f32).sin()).collect();
     let mut values = vec![0.0; GRID.len() * FRAMES];
     let mut back = coefficients.clone();
-    let forward = best(20, || {
-        harmonics.synthesize(&coefficients, &mut values, FRAMES)
-    });
-    let transpose = best(20, || harmonics.transpose(&values, &mut back, FRAMES));
+    let forward = seconds(|| harmonics.synthesize(&coefficients, &mut values, FRAMES));
+    let transpose = seconds(|| harmonics.transpose(&values, &mut back, FRAMES));
     println!(
         "harmonics, degree 24, {FRAMES} frames: synthesis {:.2} ms, transpose {:.2} ms",
         forward * 1e3,
@@ -115,10 +100,9 @@ fn rays(mesh: &Mesh, bvh: &Bvh, points: &[ShadingPoint]) {
         .map(|(s, d)| (render::bvh::offset_origin(&s), d))
         .collect();
     let mut blocked = [0; 2];
-    let binary = best(3, || {
-        blocked[0] = queries.iter().filter(|(o, d)| bvh.blocked(*o, *d)).count()
-    });
-    let compressed = best(3, || {
+    let binary =
+        seconds(|| blocked[0] = queries.iter().filter(|(o, d)| bvh.blocked(*o, *d)).count());
+    let compressed = seconds(|| {
         let hit = |(o, d): &&(Vec3, Vec3)| {
             let ray = ObvhsRay::new_inf((*o).into(), (*d).into());
             !wide.ray_traverse_miss(ray, |ray, i| ordered[i].intersect(ray))
@@ -139,7 +123,7 @@ fn transport(bvh: &Bvh, points: &[ShadingPoint]) {
     let quadrature = Quadrature::new(GRID, 2);
     let some: Vec<SurfacePoint> = points.iter().step_by(16).map(|p| p.surface).collect();
     let mut entries = 0;
-    let seconds = best(2, || {
+    let time = seconds(|| {
         entries = quadrature
             .rows(bvh, &some)
             .iter()
@@ -148,7 +132,7 @@ fn transport(bvh: &Bvh, points: &[ShadingPoint]) {
     });
     println!(
         "transport rows of 4 rays a texel: {:.0} points/s, {:.0} entries a point",
-        some.len() as f64 / seconds,
+        some.len() as f64 / time,
         entries as f64 / some.len() as f64
     );
 }
@@ -182,7 +166,9 @@ fn monte_carlo(
         };
         let draw = |render| PathBatch::sample(&scene, points, &PathSettings { render, ..settings });
         let drawn = (2 * 256 * points.len()) as f64;
-        let sampling = best(3, || drop((draw(0), draw(1))));
+        let few = &points[..64];
+        let sampling = seconds(|| drop(PathBatch::sample(&scene, few, &settings))) * drawn
+            / (256 * few.len()) as f64;
         let (first, second) = (draw(0), draw(1));
         let carried = (first.samples() + second.samples()) as f64;
         println!(
@@ -207,9 +193,8 @@ fn monte_carlo(
             let unknowns = options.start(5.0, 1, 1.5);
             let estimator = Estimator::new(options)?;
             let mut failed = None;
-            let tape = best(3, || {
-                failed = estimator.gradients(&unknowns, renders, &photographs).err()
-            });
+            let tape =
+                seconds(|| failed = estimator.gradients(&unknowns, renders, &photographs).err());
             if let Some(error) = failed {
                 return Err(error.into());
             }

@@ -4,15 +4,16 @@
 //! gradient (Zeltner et al. 2021): the tape sees only what this batch holds, and re-evaluates the integrand at these fixed
 //! directions. Samples that cannot contribute (hidden, below the surface) are dropped, so a point has a varying number.
 
+mod draw;
+
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::bsdf::{Cosines, Material, MaterialSampler, Model, microfacet, power_heuristic};
+use self::draw::Draw;
+use crate::bsdf::{Cosines, Material, Model, microfacet};
 use crate::bvh::{Bvh, SurfacePoint};
 use crate::environment::LightDistribution;
-use crate::lat_long::{Bilinear, LatLong};
-use crate::occluder::mask_lookup;
-use crate::sampler::{SampleKey, Stratified, Stream};
+use crate::lat_long::LatLong;
 use crate::transport::Quadrature;
 use crate::visibility::Visibility;
 
@@ -103,18 +104,14 @@ const RUN: usize = 128;
 impl PathBatch {
     /// Draws the samples of all points.
     pub fn sample(scene: &PathScene, points: &[ShadingPoint], settings: &PathSettings) -> Self {
-        let runs: Vec<Self> = points
-            .par_chunks(RUN)
-            .map(|run| {
-                let mut batch = Self {
-                    offsets: vec![0],
-                    ..Self::default()
-                };
-                run.iter()
-                    .for_each(|point| batch.sample_point(scene, point, settings));
-                batch
-            })
-            .collect();
+        let run = |points: &[ShadingPoint]| {
+            let mut draw = Draw::new(scene);
+            points
+                .iter()
+                .for_each(|point| draw.monte_carlo(point, settings));
+            draw.finish()
+        };
+        let runs: Vec<Self> = points.par_chunks(RUN).map(run).collect();
         Self::join(&runs)
     }
 
@@ -122,33 +119,14 @@ impl PathBatch {
     /// its solid angle. It has no noise, and the bias of its grid.
     pub fn quadrature(scene: &PathScene, points: &[ShadingPoint], side: usize) -> Self {
         let quadrature = Quadrature::new(scene.environment_grid, side);
-        let runs: Vec<Self> = points
-            .par_iter()
-            .map(|point| {
-                let mut batch = Self {
-                    offsets: vec![0],
-                    ..Self::default()
-                };
-                batch
-                    .outgoing
-                    .push(point.surface.normal.dot(point.outgoing));
-                for texel in 0..quadrature.grid().len() {
-                    for ray in 0..quadrature.rays() {
-                        let direction = quadrature.direction(texel, ray);
-                        let uv = LatLong::coordinates(direction);
-                        batch.push(
-                            scene,
-                            point,
-                            direction,
-                            uv,
-                            quadrature.solid_angle(texel, ray),
-                        );
-                    }
-                }
-                batch.offsets.push(batch.weight.len() as u32);
-                batch
-            })
-            .collect();
+        let run = |points: &[ShadingPoint]| {
+            let mut draw = Draw::new(scene);
+            points
+                .iter()
+                .for_each(|point| draw.quadrature(point, &quadrature));
+            draw.finish()
+        };
+        let runs: Vec<Self> = points.par_chunks(RUN).map(run).collect();
         Self::join(&runs)
     }
 
@@ -202,86 +180,6 @@ impl PathBatch {
         sum
     }
 
-    fn sample_point(&mut self, scene: &PathScene, point: &ShadingPoint, settings: &PathSettings) {
-        let surface = &point.surface;
-        self.outgoing.push(surface.normal.dot(point.outgoing));
-        let sampler =
-            MaterialSampler::new(scene.model, point.alpha, surface.normal, point.outgoing);
-        let (lights, materials) = (
-            settings.light_samples as f32,
-            settings.material_samples as f32,
-        );
-        let set = Stratified::new(settings.light_samples);
-        let mut stream = stream(point, settings, 0);
-        for i in 0..settings.light_samples {
-            let (direction, uv, density) =
-                scene.lights.sample_at(set.point(i, stream.uniform_2d()));
-            let other = if settings.material_samples > 0 {
-                sampler.density(direction)
-            } else {
-                0.0
-            };
-            let weight = power_heuristic(lights, density, materials, other) / (lights * density);
-            self.push(scene, point, direction, uv, weight);
-        }
-        let set = Stratified::new(settings.material_samples);
-        let mut stream = self::stream(point, settings, 1);
-        for i in 0..settings.material_samples {
-            let direction = sampler.sample(set.point(i, stream.uniform_2d()), &mut stream);
-            let density = sampler.density(direction);
-            if density <= 0.0 || direction.dot(surface.normal) <= 0.0 {
-                continue;
-            }
-            let uv = LatLong::coordinates(direction);
-            let other = if settings.light_samples > 0 {
-                scene.lights.density_at(direction, uv)
-            } else {
-                0.0
-            };
-            let weight = power_heuristic(materials, density, lights, other) / (materials * density);
-            self.push(scene, point, direction, uv, weight);
-        }
-        self.offsets.push(self.weight.len() as u32);
-    }
-
-    /// Adds a sample, unless it carries nothing.
-    #[inline]
-    fn push(
-        &mut self,
-        scene: &PathScene,
-        point: &ShadingPoint,
-        direction: Vec3,
-        uv: [f32; 2],
-        weight: f32,
-    ) {
-        let surface = &point.surface;
-        let incident = surface.normal.dot(direction);
-        let outgoing = surface.normal.dot(point.outgoing);
-        let lit =
-            incident > 0.0 && (outgoing > 0.0 || scene.model == Model::Lambertian) && weight > 0.0;
-        if !lit
-            || !scene
-                .visibility
-                .visible(scene.bvh, surface, point.cached as usize, direction, uv)
-        {
-            return;
-        }
-        let half = (direction + point.outgoing).normalize_or_zero();
-        self.incident.push(incident);
-        self.half.push(surface.normal.dot(half));
-        self.difference.push(half.dot(direction));
-        self.weight.push(weight);
-        self.light
-            .push(&scene.environment_grid.bilinear_at(uv[0], uv[1]), |texel| {
-                texel
-            });
-        let radius = scene.radii[point.frame as usize];
-        let frames = scene.radii.len() as u32;
-        let lookup = mask_lookup(scene.mask_grid, surface.position, direction, radius);
-        self.mask
-            .push(&lookup, |texel| texel * frames + point.frame);
-    }
-
     fn join(runs: &[Self]) -> Self {
         let mut all = Self {
             offsets: vec![0],
@@ -313,30 +211,10 @@ impl Corners {
             .sum()
     }
 
-    #[inline]
-    fn push(&mut self, lookup: &Bilinear, index: impl Fn(u32) -> u32) {
-        for k in 0..4 {
-            self.index[k].push(index(lookup.index[k]));
-            self.weight[k].push(lookup.weight[k]);
-        }
-    }
-
     fn append(&mut self, other: &Self) {
         for k in 0..4 {
             self.index[k].extend_from_slice(&other.index[k]);
             self.weight[k].extend_from_slice(&other.weight[k]);
         }
     }
-}
-
-/// The random numbers of one strategy at a point.
-fn stream(point: &ShadingPoint, settings: &PathSettings, strategy: u32) -> Stream {
-    SampleKey {
-        seed: settings.seed,
-        frame: point.frame,
-        pixel: point.pixel,
-        sample: settings.iteration,
-        dimension: 2 * settings.render + strategy,
-    }
-    .stream()
 }

@@ -82,14 +82,28 @@ impl Stratified {
     }
 
     /// Point `i` of the set: a place in its cell given by `jitter` of [0, 1)².
-    #[inline]
     pub fn point(&self, i: usize, jitter: [f32; 2]) -> [f32; 2] {
-        let (row, column) = (i / self.columns, i % self.columns);
+        self.point_in([i % self.columns, i / self.columns], jitter)
+    }
+
+    /// The point at `jitter` of [0, 1)² of the cell in a column and row.
+    #[inline]
+    pub fn point_in(&self, [column, row]: [usize; 2], jitter: [f32; 2]) -> [f32; 2] {
         let below_one = 1.0 - f32::EPSILON / 2.0;
         [
             ((column as f32 + jitter[0]) / self.columns as f32).min(below_one),
             ((row as f32 + jitter[1]) / self.rows as f32).min(below_one),
         ]
+    }
+
+    /// Visits all cells, row by row, as `[column, row]`.
+    #[inline]
+    pub fn for_each(self, mut visit: impl FnMut(&Self, [usize; 2])) {
+        for row in 0..self.rows {
+            for column in 0..self.columns {
+                visit(&self, [column, row]);
+            }
+        }
     }
 }
 
