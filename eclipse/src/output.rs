@@ -1,5 +1,6 @@
 //! A reconstruction on disk: which file holds what, each whole or not at all.
 
+mod bake;
 mod mesh;
 
 use std::{

@@ -156,6 +156,27 @@ fn the_written_mesh_is_where_the_captures_mesh_is() {
 }
 
 #[test]
+fn materials_go_to_textures_where_the_mesh_has_coordinates_for_them() {
+    let glb = |uvs: bool| {
+        let mut capture = perfect::capture();
+        let flattened = |position: &glam::Vec3| 0.5 + 0.4 * glam::Vec2::new(position.x, position.y);
+        capture.mesh.uvs.clear();
+        if uvs {
+            capture.mesh.uvs = capture.mesh.positions.iter().map(flattened).collect();
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let solved = perfect::reconstruction(&capture);
+        output::write(folder.path(), &capture, &solved, &ReportOptions::default()).unwrap();
+        let path = folder.path().join(layout::MESH);
+        eclipse::mesh_io::read_mesh(&path).unwrap();
+        String::from_utf8_lossy(&fs::read(path).unwrap()).into_owned()
+    };
+    let (textured, plain) = (glb(true), glb(false));
+    assert!(textured.contains("baseColorTexture") && !textured.contains("COLOR_0"));
+    assert!(plain.contains("COLOR_0") && !plain.contains("baseColorTexture"));
+}
+
+#[test]
 fn images_of_an_earlier_longer_run_do_not_linger() {
     let folder = written(|_| ());
     let capture = perfect::capture();

@@ -4,9 +4,10 @@ use std::path::Path;
 
 use render::mesh::Mesh;
 
+use super::bake::bake;
 use crate::{
     capture::Capture,
-    mesh_io::{GlbSurface, MeshIoError, write_glb},
+    mesh_io::{GlbSurface, GlbTextures, MeshIoError, write_glb},
     reconstruction::Reconstruction,
 };
 
@@ -17,7 +18,13 @@ pub(super) fn write(
     reconstruction: &Reconstruction,
 ) -> Result<(), MeshIoError> {
     let mesh = own_frame(capture);
-    let materials = &reconstruction.vertex_materials;
+    let mut materials = reconstruction.vertex_materials.clone();
+    if reconstruction.settings.lambertian {
+        // Programs take a surface for glossy unless they are told otherwise.
+        for material in &mut materials {
+            (material.alpha, material.kappa) = (1.0, 0.0);
+        }
+    }
     let albedo: Vec<[f32; 3]> = materials.iter().map(|material| material.albedo).collect();
     // glTF's roughness is the square root of the lobe's α.
     let roughness: Vec<f32> = materials
@@ -27,11 +34,6 @@ pub(super) fn write(
     let specular: Vec<f32> = materials.iter().map(|material| material.kappa).collect();
     let surface = if materials.is_empty() {
         GlbSurface::default()
-    } else if reconstruction.settings.lambertian {
-        GlbSurface {
-            vertex_colors: Some(&albedo),
-            ..Default::default()
-        }
     } else {
         GlbSurface {
             vertex_colors: Some(&albedo),
@@ -39,6 +41,21 @@ pub(super) fn write(
             vertex_specular: Some(&specular),
             textures: None,
         }
+    };
+    // Programs prefer textures to vertex colours, which would be multiplied with them.
+    let textures = (!materials.is_empty() && mesh.uvs.len() == mesh.positions.len())
+        .then(|| bake(&mesh, &materials));
+    let surface = match &textures {
+        None => surface,
+        Some(textures) => GlbSurface {
+            vertex_colors: None,
+            textures: Some(GlbTextures {
+                base_color: &textures.base_color,
+                roughness: &textures.roughness,
+                specular: &textures.specular,
+            }),
+            ..surface
+        },
     };
     write_glb(path, &mesh, &surface)
 }
