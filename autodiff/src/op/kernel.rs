@@ -165,23 +165,32 @@ fn pass_loop<R: Real, F: Fma, P: Primitive<N>, const N: usize, const I: usize>(
     let n = target.len();
     let (x0, x1, x2) = (&x0[..n], &x1[..n], &x2[..n]);
     let (y, source) = (&y[..n], &source[..n]);
-    let term = |i: usize| {
-        let x = operands(x0[i], x1[i], x2[i]);
-        let product = source[i] * primitive.partial::<R, F, I>(x, y[i]);
-        // The branch of a selection that was not taken may hold an infinite partial: 0 * infinity must not spread.
-        if source[i].is_zero() {
-            R::default()
-        } else {
-            product
-        }
-    };
     if add {
         for i in 0..n {
-            target[i] = target[i] + term(i);
+            let x = operands(x0[i], x1[i], x2[i]);
+            target[i] = target[i] + term::<R, F, P, N, I>(primitive, x, y[i], source[i]);
         }
     } else {
         for i in 0..n {
-            target[i] = term(i);
+            let x = operands(x0[i], x1[i], x2[i]);
+            target[i] = term::<R, F, P, N, I>(primitive, x, y[i], source[i]);
         }
+    }
+}
+
+/// One contribution to a derivative. A function and not a closure: a closure that is called in two places is not inlined, and
+/// then compiled without the instruction set of its loop.
+#[inline(always)]
+fn term<R: Real, F: Fma, P: Primitive<N>, const N: usize, const I: usize>(
+    primitive: P,
+    x: [R; N],
+    y: R,
+    source: R,
+) -> R {
+    // The branch of a selection that was not taken may hold an infinite partial: 0 * infinity must not spread.
+    if source.is_zero() {
+        R::default()
+    } else {
+        source * primitive.partial::<R, F, I>(x, y)
     }
 }
