@@ -54,6 +54,14 @@ impl<R: Real> Buffer<R> {
         &mut self.storage[self.start..self.start + self.len]
     }
 
+    /// Heap bytes of an array of `len` elements.
+    pub fn bytes_for(len: usize) -> usize {
+        match len {
+            0 => 0,
+            len => len.saturating_mul(size_of::<R>()).saturating_add(LINE),
+        }
+    }
+
     /// Heap bytes held.
     pub fn bytes(&self) -> usize {
         self.storage.len() * size_of::<R>()

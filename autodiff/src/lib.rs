@@ -51,6 +51,7 @@
 //! is bound are returned when it is bound.
 
 mod buffer;
+mod custom;
 mod dual;
 mod error;
 mod graph;
@@ -62,7 +63,8 @@ mod program;
 mod real;
 mod run;
 
-pub use dual::{Dual, DualNumber};
+pub use custom::{CustomOp, FirstOrderOnly};
+pub use dual::Dual;
 pub use error::{GraphError, RunError};
 pub use graph::{
     Array, Axis, Detached, Differentiable, Domain, Fixed, Graph, Index, Join, Kind, Mask, Var,
@@ -70,4 +72,4 @@ pub use graph::{
 pub use linear_map::LinearMap;
 pub use program::Program;
 pub use real::{Fma, Real, Scalar};
-pub use run::{Sizes, Workspace};
+pub use run::{Memory, Sizes, Workspace};

@@ -3,6 +3,7 @@
 use pulp::Simd;
 
 use crate::dual::Dual;
+use crate::real::Real;
 
 /// A scalar that packs into vector registers. Dual numbers are packs of one.
 #[doc(hidden)]
@@ -53,34 +54,6 @@ macro_rules! packed {
                 simd.$sum(a)
             }
         }
-
-        impl Packed for Dual<$t> {
-            type Pack<S: Simd> = Self;
-            #[inline(always)]
-            fn packs<S: Simd>(x: &[Self]) -> (&[Self], &[Self]) {
-                (x, &[])
-            }
-            #[inline(always)]
-            fn packs_mut<S: Simd>(x: &mut [Self]) -> (&mut [Self], &mut [Self]) {
-                (x, &mut [])
-            }
-            #[inline(always)]
-            fn splat<S: Simd>(_: S, x: Self) -> Self {
-                x
-            }
-            #[inline(always)]
-            fn fma<S: Simd>(_: S, a: Self, b: Self, c: Self) -> Self {
-                a * b + c
-            }
-            #[inline(always)]
-            fn plus<S: Simd>(_: S, a: Self, b: Self) -> Self {
-                a + b
-            }
-            #[inline(always)]
-            fn sum<S: Simd>(_: S, a: Self) -> Self {
-                a
-            }
-        }
     };
 }
 packed!(
@@ -103,3 +76,31 @@ packed!(
     add_f64s,
     reduce_sum_f64s
 );
+
+impl<T: Real> Packed for Dual<T> {
+    type Pack<S: Simd> = Self;
+    #[inline(always)]
+    fn packs<S: Simd>(x: &[Self]) -> (&[Self], &[Self]) {
+        (x, &[])
+    }
+    #[inline(always)]
+    fn packs_mut<S: Simd>(x: &mut [Self]) -> (&mut [Self], &mut [Self]) {
+        (x, &mut [])
+    }
+    #[inline(always)]
+    fn splat<S: Simd>(_: S, x: Self) -> Self {
+        x
+    }
+    #[inline(always)]
+    fn fma<S: Simd>(_: S, a: Self, b: Self, c: Self) -> Self {
+        a * b + c
+    }
+    #[inline(always)]
+    fn plus<S: Simd>(_: S, a: Self, b: Self) -> Self {
+        a + b
+    }
+    #[inline(always)]
+    fn sum<S: Simd>(_: S, a: Self) -> Self {
+        a
+    }
+}

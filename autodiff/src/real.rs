@@ -5,7 +5,7 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use pulp::Simd;
 
-use crate::linear_map::LinearMap;
+use crate::dual::Dual;
 use crate::math;
 use crate::packed::Packed;
 
@@ -51,22 +51,19 @@ pub trait Real:
     fn is_zero(self) -> bool;
     /// Whether value and derivative are both finite.
     fn is_finite(self) -> bool;
-    /// Applies a fixed linear operator to a `lanes x columns` array of this scalar.
-    #[doc(hidden)]
-    fn apply_map(
-        map: &dyn LinearMap,
-        transpose: bool,
-        columns: usize,
-        input: &[Self],
-        output: &mut [Self],
-    );
 }
 
 /// A scalar that users bind: `f32` or `f64`.
 pub trait Scalar: Real + crate::run::Engine {
     /// The dual number over this scalar, for Hessian-vector products.
     #[doc(hidden)]
-    type Dual: crate::dual::DualNumber<Self>;
+    type Dual: crate::run::Engine;
+    /// Joins a value and its derivative.
+    #[doc(hidden)]
+    fn join(value: Self, derivative: Self) -> Self::Dual;
+    /// Takes a value and its derivative apart.
+    #[doc(hidden)]
+    fn split(dual: Self::Dual) -> (Self, Self);
 }
 
 /// Whether the instructions being compiled contain a fused multiply-add.
@@ -80,7 +77,7 @@ impl<S: Simd> Fma for S {
 }
 
 macro_rules! real {
-    ($t:ident, $apply:ident, $transpose:ident, $exp:path, $ln:path, $sin:path, $cos:path) => {
+    ($t:ident, $exp:path, $ln:path, $sin:path, $cos:path) => {
         impl Real for $t {
             #[inline(always)]
             fn from_f64(value: f64) -> Self {
@@ -134,41 +131,24 @@ macro_rules! real {
             fn is_finite(self) -> bool {
                 <$t>::is_finite(self)
             }
-            fn apply_map(
-                map: &dyn LinearMap,
-                transpose: bool,
-                columns: usize,
-                input: &[Self],
-                output: &mut [Self],
-            ) {
-                if transpose {
-                    map.$transpose(columns, input, output)
-                } else {
-                    map.$apply(columns, input, output)
-                }
-            }
         }
         impl Scalar for $t {
-            type Dual = crate::dual::Dual<$t>;
+            type Dual = Dual<$t>;
+            fn join(value: Self, derivative: Self) -> Dual<$t> {
+                Dual::new(value, derivative)
+            }
+            fn split(dual: Dual<$t>) -> (Self, Self) {
+                (dual.value, dual.derivative)
+            }
         }
     };
 }
 
 real!(
     f32,
-    apply_f32,
-    apply_transpose_f32,
     math::exp::<F>,
     math::ln::<F>,
     math::sin::<F>,
     math::cos::<F>
 );
-real!(
-    f64,
-    apply_f64,
-    apply_transpose_f64,
-    f64::exp,
-    f64::ln,
-    f64::sin,
-    f64::cos
-);
+real!(f64, f64::exp, f64::ln, f64::sin, f64::cos);

@@ -5,9 +5,10 @@ use proptest::prelude::*;
 use proptest::test_runner::FileFailurePersistence;
 
 type Record = fn(&Var, &Var) -> Var;
+type Range = (f64, f64);
 
 /// Operations on an `x` and a `y` in the given ranges, away from kinks.
-const OPS: &[(&str, Record, (f64, f64), (f64, f64))] = &[
+const OPS: &[(&str, Record, Range, Range)] = &[
     ("add", |x, y| x + y, (-2.0, 2.0), (-2.0, 2.0)),
     ("sub", |x, y| x - y, (-2.0, 2.0), (-2.0, 2.0)),
     ("mul", |x, y| x * y, (-2.0, 2.0), (-2.0, 2.0)),

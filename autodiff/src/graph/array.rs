@@ -159,7 +159,16 @@ impl<M> Array<M> {
         operands: &[(&Graph, NodeId)],
         location: &'static Location<'static>,
     ) -> Array<N> {
-        let op = element.name();
+        Self::broadcast_together(graph, Op::Element(element), operands, location)
+    }
+
+    pub(super) fn broadcast_together<N>(
+        graph: &Graph,
+        operation: Op,
+        operands: &[(&Graph, NodeId)],
+        location: &'static Location<'static>,
+    ) -> Array<N> {
+        let op = operation.name();
         if operands.iter().any(|(other, _)| other.stamp != graph.stamp) {
             graph.fail(GraphError::OtherGraph {
                 op,
@@ -191,7 +200,7 @@ impl<M> Array<M> {
             .iter()
             .map(|&(_, id)| graph.broadcast(id, shape.domain, shape.axis, location))
             .collect();
-        let id = graph.push(Op::Element(element), inputs, shape, location);
+        let id = graph.push(operation, inputs, shape, location);
         Array::from_id(graph, id)
     }
 }

@@ -3,6 +3,7 @@
 use std::panic::Location;
 use std::sync::Arc;
 
+use crate::custom::Erased;
 use crate::linear_map::LinearMap;
 use crate::op::Element;
 
@@ -36,6 +37,8 @@ pub(crate) enum Op {
     Constant(f64),
     /// An elementwise primitive.
     Element(Element),
+    /// A user's elementwise operation.
+    Custom(Arc<dyn Erased>),
     /// One channel.
     Channel(usize),
     /// Channels of all operands, one after another.
@@ -80,6 +83,7 @@ impl Op {
             Op::Mask => "mask",
             Op::Constant(_) => "constant",
             Op::Element(element) => element.name(),
+            Op::Custom(op) => op.name(),
             Op::Channel(_) => "channel",
             Op::Stack => "stack",
             Op::SumChannels => "sum_channels",

@@ -6,18 +6,17 @@ use super::block::{Env, Lanes, View, Worker, into_adjoint};
 use super::chunk::Chunk;
 use super::corners::{rows, with_corners};
 use super::dense::dense_adjoint;
+use super::lane::{Function, Lane};
 use super::linear::{self, add_lanes};
 use super::lookup;
 use super::segments::collect;
 use super::sinks::sink_adjoint;
 use super::value::{operands, values};
 use crate::graph::{NodeId, Op};
-use crate::op::Element;
 use crate::program::PullKind;
-use crate::real::Real;
 
 /// Passes the adjoint of a node on to its operands.
-pub(super) fn adjoint<R: Real>(
+pub(super) fn adjoint<R: Lane>(
     env: &Env<R>,
     worker: &mut Worker<R>,
     chunk: &mut Chunk<R>,
@@ -34,7 +33,7 @@ pub(super) fn adjoint<R: Real>(
     }
     let g = take(&mut worker.adjoints[slot]);
     match &node.op {
-        Op::Element(element) => element_adjoint(env, worker, lanes, id, *element, g.as_slice()),
+        Op::Element(_) | Op::Custom(_) => element_adjoint(env, worker, lanes, id, g.as_slice()),
         Op::Splat | Op::Expand | Op::Gather(_) | Op::GatherWeighted(_) | Op::Matmul => {
             whole_adjoint(env, worker, chunk, lanes, id, g.as_slice())
         }
@@ -43,15 +42,17 @@ pub(super) fn adjoint<R: Real>(
     worker.adjoints[slot] = g;
 }
 
-pub(super) fn element_adjoint<R: Real>(
+pub(super) fn element_adjoint<R: Lane>(
     env: &Env<R>,
     worker: &mut Worker<R>,
     lanes: Lanes,
     id: NodeId,
-    element: Element,
     g: &[R],
 ) {
     let node = &env.program.nodes[id];
+    let Some(function) = Function::of(node) else {
+        return;
+    };
     let (pitch, len) = (env.pitch(id), lanes.len * env.axis(id));
     for (i, &input) in node.inputs.iter().enumerate() {
         if !env.live[input] {
@@ -70,14 +71,14 @@ pub(super) fn element_adjoint<R: Real>(
             let target = &mut target.as_mut_slice()[to..to + len];
             let add = add || (single && c > 0);
             let x = &x[..node.inputs.len()];
-            element.pass(env.arch, i, x, y, &g[start..start + len], target, add);
+            function.pass(env.arch, i, x, y, &g[start..start + len], target, add);
         }
         worker.adjoints[slot] = target;
     }
 }
 
 /// Adjoints of operands that are whole: accumulated by the chunk.
-pub(super) fn whole_adjoint<R: Real>(
+pub(super) fn whole_adjoint<R: Lane>(
     env: &Env<R>,
     worker: &mut Worker<R>,
     chunk: &mut Chunk<R>,

@@ -4,15 +4,15 @@ use std::mem::take;
 
 use super::block::{Env, Lanes, View, Worker, into_adjoint, is_computed};
 use super::chunk::Chunk;
+use super::lane::Lane;
 use super::matmul::{Matrix, Outer, Product, outer, product};
 use super::value::values;
 use crate::buffer::Buffer;
 use crate::graph::NodeId;
 use crate::program::PullKind;
-use crate::real::Real;
 
 /// A dense layer on `xs` and `weights`; the flags: whether to overwrite, and to add the bias.
-pub(super) fn dense<R: Real>(
+pub(super) fn dense<R: Lane>(
     env: &Env<R>,
     lanes: Lanes,
     id: NodeId,
@@ -49,7 +49,7 @@ pub(super) fn dense<R: Real>(
 }
 
 /// The block of an operand of a dense layer: its arena slot, or a padded copy of the whole array's lanes.
-pub(super) fn padded<'v, R: Real>(
+pub(super) fn padded<'v, R: Lane>(
     env: &Env<R>,
     view: View<'v, R>,
     lanes: Lanes,
@@ -66,7 +66,7 @@ pub(super) fn padded<'v, R: Real>(
     scratch.as_slice()
 }
 
-pub(super) fn dense_adjoint<R: Real>(
+pub(super) fn dense_adjoint<R: Lane>(
     env: &Env<R>,
     worker: &mut Worker<R>,
     chunk: &mut Chunk<R>,
@@ -101,31 +101,31 @@ pub(super) fn dense_adjoint<R: Real>(
             );
         });
     }
-    if env.live[weight] {
-        if let Some(at) = env.phase.pull(weight, PullKind::Weight, id) {
-            let mut scratch = take(&mut worker.scratch);
-            let view = values(env, worker);
-            let (copy, transposed) = scratch.as_mut_slice().split_at_mut(inner * env.stride);
-            for c in 0..inner {
-                copy[c * env.stride..c * env.stride + lanes.len]
-                    .copy_from_slice(env.channel(view, lanes, x, c));
-            }
-            outer(
-                env.arch,
-                Outer {
-                    g,
-                    g_pitch: env.stride,
-                    x: copy,
-                    x_pitch: env.stride,
-                    rows,
-                    columns: inner,
-                    lanes: lanes.len,
-                    transposed,
-                    sums: chunk.pull[at].as_mut_slice(),
-                },
-            );
-            worker.scratch = scratch;
+    if env.live[weight]
+        && let Some(at) = env.phase.pull(weight, PullKind::Weight, id)
+    {
+        let mut scratch = take(&mut worker.scratch);
+        let view = values(env, worker);
+        let (copy, transposed) = scratch.as_mut_slice().split_at_mut(inner * env.stride);
+        for c in 0..inner {
+            copy[c * env.stride..c * env.stride + lanes.len]
+                .copy_from_slice(env.channel(view, lanes, x, c));
         }
+        outer(
+            env.arch,
+            Outer {
+                g,
+                g_pitch: env.stride,
+                x: copy,
+                x_pitch: env.stride,
+                rows,
+                columns: inner,
+                lanes: lanes.len,
+                transposed,
+                sums: chunk.pull[at].as_mut_slice(),
+            },
+        );
+        worker.scratch = scratch;
     }
     if let Some(&bias) = inputs.get(2)
         && env.live[bias]

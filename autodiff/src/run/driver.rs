@@ -8,7 +8,8 @@ use rayon::prelude::*;
 
 use super::assemble::Layout;
 use super::block::{Env, Place, Whole, Worker, places};
-use super::chunk::{Chunk, ensure, pull_len, sink_len, spans, store_len, widest};
+use super::chunk::{Chunk, Span, ensure, pull_len, sink_len, spans, store_len, widest};
+use super::lane::Lane;
 use super::lookup::interleave;
 use super::passes;
 use super::replay::mark_replay;
@@ -17,7 +18,6 @@ use super::sizes::{Extent, Sizes};
 use crate::buffer::Buffer;
 use crate::graph::{NodeId, Op};
 use crate::program::{Body, Phase, Program, PullKind};
-use crate::real::Real;
 
 /// How many times larger than others a value along an axis may be in a block.
 const WIDE: usize = 16;
@@ -53,7 +53,7 @@ enum Pass {
     Adjoints,
 }
 
-impl<R: Real> State<R> {
+impl<R: Lane> State<R> {
     pub fn new(program: &Program, extent: Extent, sizes: &Sizes) -> Self {
         let nodes = program.nodes.len();
         let empty = || vec![Whole::Owned(Buffer::zeros(0)); nodes];
@@ -65,11 +65,7 @@ impl<R: Real> State<R> {
                 Body::Block => spans(program, &extent, phase),
                 Body::Map => Vec::new(),
             };
-            let longest = spans.iter().map(|span| span.lanes.len()).max().unwrap_or(0);
-            // Few values of a phase are wide: they may overflow L1 as long as blocks keep enough lanes.
-            let wide = WIDE * sizes.block / widest(program, &extent, phase);
-            let wanted = sizes.block.min(wide);
-            let stride = wanted.min(longest).next_multiple_of(PARTIALS).max(PARTIALS);
+            let stride = stride(program, &extent, phase, sizes, &spans);
             strides.push(stride);
             resolved.push(places(program, phase, &extent, stride));
             chunks.push(
@@ -79,8 +75,7 @@ impl<R: Real> State<R> {
                     .collect(),
             );
         }
-        let available = rayon::current_num_threads();
-        let threads = sizes.threads.unwrap_or(available).clamp(1, available);
+        let threads = threads(sizes);
         let mut state = State {
             values: empty(),
             tangents: empty(),
@@ -488,7 +483,7 @@ impl<R: Real> State<R> {
 }
 
 /// The array as one that can be written to.
-pub(super) fn own<R: Real>(array: &mut Whole<R>) -> &mut Buffer<R> {
+pub(super) fn own<R: Lane>(array: &mut Whole<R>) -> &mut Buffer<R> {
     if let Whole::Shared(_) = array {
         *array = Whole::Owned(Buffer::zeros(0));
     }
@@ -498,8 +493,29 @@ pub(super) fn own<R: Real>(array: &mut Whole<R>) -> &mut Buffer<R> {
     }
 }
 
+/// Lanes of the largest block of a phase.
+pub(super) fn stride(
+    program: &Program,
+    extent: &Extent,
+    phase: &Phase,
+    sizes: &Sizes,
+    spans: &[Span],
+) -> usize {
+    let longest = spans.iter().map(|span| span.lanes.len()).max().unwrap_or(0);
+    // Few values of a phase are wide: they may overflow L1 as long as blocks keep enough lanes.
+    let wide = (WIDE * sizes.block) / widest(program, extent, phase);
+    let wanted = sizes.block.min(wide).min(longest);
+    wanted.next_multiple_of(PARTIALS).max(PARTIALS)
+}
+
+/// Threads to share work among.
+pub(super) fn threads(sizes: &Sizes) -> usize {
+    let available = rayon::current_num_threads();
+    sizes.threads.unwrap_or(available).clamp(1, available)
+}
+
 /// Makes room in an arena for the first `count` locals of a phase.
-fn grow<R: Real>(
+fn grow<R: Lane>(
     arena: &mut Vec<Buffer<R>>,
     phase: &Phase,
     count: usize,
@@ -514,7 +530,7 @@ fn grow<R: Real>(
 }
 
 /// Elements of scratch that a block needs: products of a contraction, or the operands of a dense layer, twice.
-fn scratch_len(program: &Program, phase: &Phase, stride: usize, widest: usize) -> usize {
+pub(super) fn scratch_len(program: &Program, phase: &Phase, stride: usize, widest: usize) -> usize {
     let needs = phase.nodes.iter().map(|&id| {
         let node = &program.nodes[id];
         match node.op {

@@ -1,8 +1,10 @@
 //! The ways to run a program: forward, reverse, tangent, and the Gauss-Newton product of both.
 
 use super::driver::State;
+use super::lane::Lane;
 use super::sizes::{Extent, Sizes};
 use super::workspace::Workspace;
+use crate::dual::Dual;
 use crate::error::RunError;
 use crate::graph::{NodeId, Op};
 use crate::program::Program;
@@ -10,7 +12,7 @@ use crate::real::Scalar;
 
 /// The passes, compiled in this crate for each scalar type.
 #[doc(hidden)]
-pub trait Engine: Sized {
+pub trait Engine: Lane {
     #[doc(hidden)]
     #[allow(private_interfaces)]
     fn state(program: &Program, extent: Extent, sizes: &Sizes) -> State<Self>;
@@ -40,6 +42,8 @@ macro_rules! engine {
 }
 engine!(f32);
 engine!(f64);
+engine!(Dual<f32>);
+engine!(Dual<f64>);
 
 impl Program {
     /// Computes all outputs; read them with [`Workspace::output`].

@@ -3,15 +3,15 @@
 use super::adjoint::adjoint;
 use super::block::{Env, Lanes, Worker, blocks, into_adjoint, is_constant, store};
 use super::chunk::Chunk;
+use super::lane::Lane;
 use super::sinks::accumulate;
 use super::tangent::tangent;
 use super::value::value;
 use crate::graph::NodeId;
 use crate::program::PullKind;
-use crate::real::Real;
 
 /// Runs the blocks of a chunk forward: values, and tangents of moving nodes when `tangents`.
-pub(super) fn forward<R: Real>(
+pub(super) fn forward<R: Lane>(
     env: &Env<R>,
     worker: &mut Worker<R>,
     chunk: &mut Chunk<R>,
@@ -59,7 +59,7 @@ pub(super) fn forward<R: Real>(
 }
 
 /// Replays the blocks of a chunk and runs them backward.
-pub(super) fn reverse<R: Real>(env: &Env<R>, worker: &mut Worker<R>, chunk: &mut Chunk<R>) {
+pub(super) fn reverse<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, chunk: &mut Chunk<R>) {
     for pull in &mut chunk.pull {
         pull.as_mut_slice().fill(R::default());
     }
@@ -100,7 +100,7 @@ pub(super) fn reverse<R: Real>(env: &Env<R>, worker: &mut Worker<R>, chunk: &mut
 }
 
 /// Starts the adjoints of a block with what later phases left for its stored nodes.
-fn seed<R: Real>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes) {
+fn seed<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes) {
     let all = env.extent.lanes[env.phase.domain];
     for &id in &env.phase.stores {
         if !env.live[id] || !env.seeded[id] {
@@ -119,7 +119,7 @@ fn seed<R: Real>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes) {
     }
 }
 
-fn fill_constants<R: Real>(env: &Env<R>, worker: &mut Worker<R>, wanted: impl Fn(NodeId) -> bool) {
+fn fill_constants<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, wanted: impl Fn(NodeId) -> bool) {
     let lanes = Lanes {
         start: 0,
         len: env.stride,
@@ -131,7 +131,7 @@ fn fill_constants<R: Real>(env: &Env<R>, worker: &mut Worker<R>, wanted: impl Fn
     }
 }
 
-fn fill_constant_tangents<R: Real>(env: &Env<R>, worker: &mut Worker<R>) {
+fn fill_constant_tangents<R: Lane>(env: &Env<R>, worker: &mut Worker<R>) {
     let lanes = Lanes {
         start: 0,
         len: env.stride,

@@ -1,5 +1,6 @@
 //! What the reverse pass of a phase has to recompute.
 
+use super::lane::Function;
 use crate::graph::Op;
 use crate::op::RESULT;
 use crate::program::{Phase, Program};
@@ -13,12 +14,15 @@ pub(super) fn mark_replay(program: &Program, phase: &Phase, live: &[bool], repla
         let node = &program.nodes[id];
         if live[id] {
             match &node.op {
-                Op::Element(element) => {
+                Op::Element(_) | Op::Custom(_) => {
+                    let Some(function) = Function::of(node) else {
+                        continue;
+                    };
                     for (i, &input) in node.inputs.iter().enumerate() {
                         if !live[input] {
                             continue;
                         }
-                        let reads = element.reads(i);
+                        let reads = function.reads(i);
                         if reads & RESULT != 0 {
                             replay[id] = true;
                         }

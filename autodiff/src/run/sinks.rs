@@ -5,15 +5,15 @@ use std::mem::take;
 use super::block::{Env, Lanes, Worker, into_adjoint};
 use super::chunk::Chunk;
 use super::contract;
+use super::lane::Lane;
 use super::linear::add_lanes;
 use super::rows::{put, put_value};
 use super::segments::{collect, expand};
 use super::value::{tangents_of, values};
 use crate::graph::{NodeId, Op};
-use crate::real::Real;
 
 /// Adds a block to an accumulation over lanes, of values or of tangents.
-pub(super) fn accumulate<R: Real>(
+pub(super) fn accumulate<R: Lane>(
     env: &Env<R>,
     worker: &mut Worker<R>,
     chunk: &mut Chunk<R>,
@@ -65,7 +65,7 @@ pub(super) fn accumulate<R: Real>(
     worker.scratch = scratch;
 }
 
-pub(super) fn sink_adjoint<R: Real>(
+pub(super) fn sink_adjoint<R: Lane>(
     env: &Env<R>,
     worker: &mut Worker<R>,
     lanes: Lanes,

@@ -7,11 +7,11 @@ use super::corners::interpolate;
 use super::dense::dense;
 use super::rows::put_value;
 
+use super::lane::{Function, Lane};
 use super::value::{operands, push_linear, tangents_of, values};
 use crate::graph::{NodeId, Op};
-use crate::real::Real;
 
-pub(super) fn tangent<R: Real>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes, id: NodeId) {
+pub(super) fn tangent<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes, id: NodeId) {
     let slot = env.slot(id);
     let mut out = take(&mut worker.tangents[slot]);
     let mut scratch = take(&mut worker.scratch);
@@ -19,25 +19,28 @@ pub(super) fn tangent<R: Real>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lane
     let tangents = tangents_of(env, worker);
     let node = &env.program.nodes[id];
     let moving = |id: NodeId| env.moving[id];
-    match &node.op {
-        Op::Element(element) => {
-            let len = lanes.len * env.axis(id);
-            for c in 0..node.shape.channels {
-                let start = c * env.pitch(id);
-                let x = operands(env, values, lanes, &node.inputs, c);
-                let y = &worker.values[slot].as_slice()[start..start + len];
-                let target = &mut out.as_mut_slice()[start..start + len];
-                let mut add = false;
-                for (i, &input) in node.inputs.iter().enumerate() {
-                    if moving(input) {
-                        let source = env.channel(tangents, lanes, input, c);
-                        let x = &x[..node.inputs.len()];
-                        element.pass(env.arch, i, x, y, source, target, add);
-                        add = true;
-                    }
+    if let Some(function) = Function::of(node) {
+        let len = lanes.len * env.axis(id);
+        for c in 0..node.shape.channels {
+            let start = c * env.pitch(id);
+            let x = operands(env, values, lanes, &node.inputs, c);
+            let y = &worker.values[slot].as_slice()[start..start + len];
+            let target = &mut out.as_mut_slice()[start..start + len];
+            let mut add = false;
+            for (i, &input) in node.inputs.iter().enumerate() {
+                if moving(input) {
+                    let source = env.channel(tangents, lanes, input, c);
+                    let x = &x[..node.inputs.len()];
+                    function.pass(env.arch, i, x, y, source, target, add);
+                    add = true;
                 }
             }
         }
+        worker.tangents[slot] = out;
+        worker.scratch = scratch;
+        return;
+    }
+    match &node.op {
         Op::GatherWeighted(_) => {
             let table = moving(node.inputs[0]);
             if table {

@@ -5,31 +5,33 @@ use std::mem::take;
 use super::block::{Env, Lanes, View, Worker};
 use super::corners::{interpolate, rows};
 use super::dense::dense;
+use super::lane::{Function, Lane};
 use super::linear;
 use super::lookup;
 use super::segments::expand;
 use crate::buffer::Buffer;
 use crate::graph::{NodeId, Op};
-use crate::real::Real;
 
-/// Most operands of an elementwise primitive.
-const OPERANDS: usize = 3;
+/// Most operands of an elementwise operation.
+pub(crate) const OPERANDS: usize = 8;
 
-pub(super) fn value<R: Real>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes, id: NodeId) {
+pub(super) fn value<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes, id: NodeId) {
     let slot = env.slot(id);
     let mut out = take(&mut worker.values[slot]);
     let view = values(env, worker);
     let node = &env.program.nodes[id];
-    match &node.op {
-        Op::Element(element) => {
-            let len = lanes.len * env.axis(id);
-            for c in 0..node.shape.channels {
-                let start = c * env.pitch(id);
-                let x = operands(env, view, lanes, &node.inputs, c);
-                let y = &mut out.as_mut_slice()[start..start + len];
-                element.evaluate(env.arch, &x[..node.inputs.len()], y);
-            }
+    if let Some(function) = Function::of(node) {
+        let len = lanes.len * env.axis(id);
+        for c in 0..node.shape.channels {
+            let start = c * env.pitch(id);
+            let x = operands(env, view, lanes, &node.inputs, c);
+            let y = &mut out.as_mut_slice()[start..start + len];
+            function.evaluate(env.arch, &x[..node.inputs.len()], y);
         }
+        worker.values[slot] = out;
+        return;
+    }
+    match &node.op {
         Op::GatherWeighted(_) => {
             interpolate(env, lanes, id, view, view, true, true, &mut out);
         }
@@ -54,7 +56,7 @@ pub(super) fn value<R: Real>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes,
 }
 
 /// Values as seen from a block.
-pub(super) fn values<'v, R: Real>(env: &Env<'v, R>, worker: &'v Worker<R>) -> View<'v, R> {
+pub(super) fn values<'v, R: Lane>(env: &Env<'v, R>, worker: &'v Worker<R>) -> View<'v, R> {
     View {
         local: &worker.values,
         whole: env.values,
@@ -63,7 +65,7 @@ pub(super) fn values<'v, R: Real>(env: &Env<'v, R>, worker: &'v Worker<R>) -> Vi
 }
 
 /// Tangents as seen from a block.
-pub(super) fn tangents_of<'v, R: Real>(env: &Env<'v, R>, worker: &'v Worker<R>) -> View<'v, R> {
+pub(super) fn tangents_of<'v, R: Lane>(env: &Env<'v, R>, worker: &'v Worker<R>) -> View<'v, R> {
     View {
         local: &worker.tangents,
         whole: env.tangents,
@@ -72,7 +74,7 @@ pub(super) fn tangents_of<'v, R: Real>(env: &Env<'v, R>, worker: &'v Worker<R>) 
 }
 
 /// One channel of each operand.
-pub(super) fn operands<'v, R: Real>(
+pub(super) fn operands<'v, R: Lane>(
     env: &Env<R>,
     view: View<'v, R>,
     lanes: Lanes,
@@ -87,7 +89,7 @@ pub(super) fn operands<'v, R: Real>(
 }
 
 /// Operations that are linear in their only differentiable operand.
-pub(super) fn push_linear<R: Real>(
+pub(super) fn push_linear<R: Lane>(
     env: &Env<R>,
     view: View<R>,
     lanes: Lanes,

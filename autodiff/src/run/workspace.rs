@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::block::Whole;
 use super::driver::{State, own};
+use super::hessian::Curvature;
 use super::sizes::{Extent, Sizes, list};
 use crate::buffer::Buffer;
 use crate::error::RunError;
@@ -24,6 +25,8 @@ pub struct Workspace<S: Scalar> {
     /// Whether whole values are those of the bound arrays.
     pub(super) fresh: bool,
     names: Names,
+    pub(super) sizes: Sizes,
+    pub(super) curvature: Option<Box<Curvature<S>>>,
 }
 
 /// What can be bound and read, by name.
@@ -68,6 +71,8 @@ impl Program {
             bound_index: self.used_indices.iter().map(|used| !used).collect(),
             fresh: false,
             names: Names::new(self),
+            sizes: sizes.clone(),
+            curvature: None,
         })
     }
 }
@@ -222,7 +227,7 @@ impl<S: Scalar> Workspace<S> {
         Ok(self.state.values[id].as_slice())
     }
 
-    /// Heap bytes held now; shared arrays are not counted.
+    /// Heap bytes held now, without what Hessian-vector products keep; shared arrays are not counted.
     pub fn bytes(&self) -> usize {
         self.state.bytes()
     }

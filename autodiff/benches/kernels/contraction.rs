@@ -142,10 +142,13 @@ pub fn run() {
     }
 }
 
+/// An index array and its weights.
+type Corner = (Arc<[u32]>, Arc<[f32]>);
+
 fn copy(
     from: &autodiff::Workspace<f32>,
     to: &mut autodiff::Workspace<f32>,
-    corners: &[(Arc<[u32]>, Arc<[f32]>)],
+    corners: &[Corner],
     own: &Arc<[u32]>,
     transport: &[f32],
 ) {

@@ -1,0 +1,140 @@
+//! How much memory a program will need, before it is allocated.
+
+use super::chunk::{pull_len, sink_len, spans, store_len, widest};
+use super::driver::{scratch_len, stride, threads};
+use super::sizes::{Extent, Sizes};
+use crate::buffer::Buffer;
+use crate::error::RunError;
+use crate::graph::{NodeId, Op};
+use crate::program::{Body, Phase, Program};
+use crate::real::Scalar;
+
+/// Predicted heap bytes of a workspace, by what needs them. Index arrays, and arrays bound without a copy, come on top as far
+/// as the caller keeps them; the latter are counted here as if copied.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Memory {
+    /// Bound arrays, whole values, and the arenas of blocks: needed by every pass.
+    pub values: usize,
+    /// In addition for [`Program::vjp`].
+    pub adjoints: usize,
+    /// In addition for [`Program::jvp`]; a Gauss-Newton product needs all three.
+    pub tangents: usize,
+}
+
+impl Memory {
+    /// Bytes for values, adjoints and tangents together.
+    pub fn total(&self) -> usize {
+        self.values + self.adjoints + self.tangents
+    }
+}
+
+impl Program {
+    /// Predicts the memory of a workspace with these sizes, run in scalar `S`; nothing is allocated.
+    ///
+    /// # Errors
+    /// As [`Program::workspace`].
+    pub fn memory<S: Scalar>(&self, sizes: &Sizes) -> Result<Memory, RunError> {
+        let extent = Extent::new(self, sizes)?;
+        let bytes = Buffer::<S>::bytes_for;
+        let mut memory = Memory::default();
+        let whole = |id: NodeId| {
+            let shape = self.nodes[id].shape;
+            let lanes = extent.lanes[shape.domain];
+            bytes(lanes.saturating_mul(shape.channels * extent.axis(shape.axis)))
+        };
+        let mut table = vec![false; self.nodes.len()];
+        let mut column = 0;
+        for (id, node) in self.nodes.iter().enumerate() {
+            if self.whole[id] {
+                memory.values += whole(id);
+                if node.active {
+                    memory.adjoints += whole(id);
+                }
+                if node.active || self.outputs.iter().any(|output| output.1 == id) {
+                    memory.tangents += whole(id);
+                }
+            }
+            match node.op {
+                Op::Gather(_) | Op::GatherWeighted(_) => table[node.inputs[0]] = true,
+                Op::Map(_) => {
+                    let input = node.inputs[0];
+                    column = column.max(whole(input) / self.nodes[input].shape.channels);
+                }
+                _ => {}
+            }
+        }
+        memory.adjoints += column;
+        for (id, _) in table.iter().enumerate().filter(|(_, is_table)| **is_table) {
+            if self.nodes[id].shape.channels > 1 {
+                memory.values += whole(id);
+                memory.tangents += whole(id);
+            }
+        }
+        let mut arena = Arena::default();
+        for phase in self
+            .phases
+            .iter()
+            .filter(|phase| matches!(phase.body, Body::Block))
+        {
+            for span in spans(self, &extent, phase) {
+                let stores = phase
+                    .stores
+                    .iter()
+                    .map(|&id| store_len(self, &extent, &span, id));
+                let sinks = phase
+                    .sinks
+                    .iter()
+                    .map(|&id| sink_len(self, &extent, &span, id));
+                let kept: usize = stores.chain(sinks).map(bytes).sum();
+                memory.values += kept;
+                memory.tangents += kept;
+                let pulls = phase.pulls.iter();
+                let pulls =
+                    pulls.map(|pull| pull_len(self, &extent, &span, pull.target, pull.kind));
+                memory.adjoints += pulls.map(bytes).sum::<usize>();
+            }
+            arena.fit(self, &extent, phase, sizes);
+        }
+        let threads = threads(sizes);
+        let slots = |slots: &[usize]| slots.iter().map(|&len| bytes(len)).sum::<usize>();
+        memory.values += threads * (slots(&arena.computed) + bytes(arena.scratch));
+        memory.tangents += threads * slots(&arena.computed);
+        memory.adjoints += threads * slots(&arena.locals);
+        Ok(memory)
+    }
+}
+
+/// The slots of a thread, as large as any phase needs them.
+#[derive(Default)]
+struct Arena {
+    computed: Vec<usize>,
+    locals: Vec<usize>,
+    scratch: usize,
+}
+
+impl Arena {
+    fn fit(&mut self, program: &Program, extent: &Extent, phase: &Phase, sizes: &Sizes) {
+        let stride = stride(
+            program,
+            extent,
+            phase,
+            sizes,
+            &spans(program, extent, phase),
+        );
+        let room = |id: &NodeId| {
+            let shape = program.nodes[*id].shape;
+            shape.channels * stride * extent.axis(shape.axis)
+        };
+        for (slots, count) in [
+            (&mut self.computed, phase.computed),
+            (&mut self.locals, phase.locals.len()),
+        ] {
+            slots.resize(slots.len().max(count), 0);
+            for (slot, id) in slots.iter_mut().zip(&phase.locals[..count]) {
+                *slot = (*slot).max(room(id));
+            }
+        }
+        let scratch = scratch_len(program, phase, stride, widest(program, extent, phase));
+        self.scratch = self.scratch.max(scratch);
+    }
+}
