@@ -19,7 +19,7 @@ use render::image::Image;
 use render::lat_long::LatLong;
 use render::loss::LossForm;
 use render::mesh::Mesh;
-use render::path::{PathBatch, PathScene, PathSettings, ShadingPoint};
+use render::path::{Lookup, PathBatch, PathScene, PathSettings, ShadingPoint};
 use render::pyramid::Pyramid;
 use render::transport::Quadrature;
 use render::visibility::{Visibility, VisibilityCache};
@@ -162,6 +162,7 @@ fn monte_carlo(
             material_samples: 128,
             seed: 1,
             iteration: 0,
+            lookup: Lookup::Stochastic,
             render: 0,
         };
         let draw = |render| PathBatch::sample(&scene, points, &PathSettings { render, ..settings });
@@ -188,6 +189,7 @@ fn monte_carlo(
                 mask_grid: GRID,
                 degree: 24,
                 frames: FRAMES,
+                lookup: settings.lookup,
                 form,
             };
             let unknowns = options.start(5.0, 1, 1.5);

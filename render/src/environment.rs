@@ -113,7 +113,11 @@ impl EnvironmentMap {
     }
 }
 
-/// Directions drawn with a density constant in (u, v) within each texel, in proportion to brightness × sin θ (S8).
+/// Directions drawn in proportion to the interpolated brightness × sin θ.
+///
+/// S8 takes the nearest texel's brightness; a texel is chosen as it says, but the place is drawn from the tent that bilinear
+/// interpolation spreads the texel over. Then a sample's radiance over its density does not vary at all where the light is
+/// looked up in the chosen texel alone, and little where it is interpolated.
 ///
 /// Inverts a marginal over rows, then a conditional over columns: unlike an alias table this keeps stratification.
 #[derive(Clone, Debug)]
@@ -179,31 +183,52 @@ impl LightDistribution {
 
     /// The direction at `u` of [0, 1)², and its density per solid angle (1/sr).
     pub fn sample(&self, u: [f32; 2]) -> (Vec3, f32) {
-        let (direction, _, density) = self.sample_at(u);
-        (direction, density)
+        let light = self.sample_texel(u);
+        (light.direction, self.density(light.direction))
     }
 
-    /// [`sample`](Self::sample) with the grid coordinates (u, v) of the direction in between.
-    pub fn sample_at(&self, u: [f32; 2]) -> (Vec3, [f32; 2], f32) {
-        let (row, v) = invert(&self.rows, &self.row_guide, u[1]);
-        let conditional = &self.columns[row * self.grid.columns..][..self.grid.columns];
-        let guide = &self.column_guide[row * self.grid.columns..][..self.grid.columns];
-        let (column, within) = invert(conditional, guide, u[0]);
-        let v = (row as f32 + v) / self.grid.rows as f32;
-        let u = (column as f32 + within) / self.grid.columns as f32;
-        let direction = LatLong::direction(u, v);
-        let density = self.texel_density(row * self.grid.columns + column, direction);
-        (direction, [u, v], density)
+    /// The direction at `u` of [0, 1)² together with the texel that was chosen.
+    #[inline]
+    pub fn sample_texel(&self, u: [f32; 2]) -> LightSample {
+        let LatLong { rows, columns } = self.grid;
+        let (row, y) = invert(&self.rows, &self.row_guide, u[1]);
+        let cumulative = &self.columns[row * columns..][..columns];
+        let guide = &self.column_guide[row * columns..][..columns];
+        let (column, x) = invert(cumulative, guide, u[0]);
+        // Next to a pole there is nothing to interpolate with: the outer half of the tent is flat.
+        let down = match (row == 0 && y < 0.5, row + 1 == rows && y >= 0.5) {
+            (true, _) | (_, true) => y - 0.5,
+            _ => tent(y),
+        };
+        let u = (column as f32 + 0.5 + tent(x)) / columns as f32;
+        let v = (row as f32 + 0.5 + down) / rows as f32;
+        let u = if u < 0.0 {
+            u + 1.0
+        } else if u >= 1.0 {
+            u - 1.0
+        } else {
+            u
+        };
+        let texel = row * columns + column;
+        LightSample {
+            direction: LatLong::direction(u, v),
+            coordinates: [u, v],
+            texel: texel as u32,
+        }
     }
 
-    /// The density per solid angle (1/sr) of drawing a unit direction.
+    /// The density per solid angle (1/sr) of drawing a unit direction, by whichever texel.
     pub fn density(&self, direction: Vec3) -> f32 {
-        self.density_at(direction, LatLong::coordinates(direction))
+        self.grid.bilinear(direction).gather(&self.mass) * self.per_solid_angle(direction)
     }
 
-    /// [`density`](Self::density) of a direction whose grid coordinates are known.
-    pub fn density_at(&self, direction: Vec3, [u, v]: [f32; 2]) -> f32 {
-        self.texel_density(self.grid.texel_at(u, v), direction)
+    /// The joint density of a unit direction and a texel over the weight of that texel in the direction's interpolation.
+    ///
+    /// It is the density to weigh a sample with whose light is looked up in that texel alone, chosen by those weights: they
+    /// cancel.
+    #[inline]
+    pub fn texel_density(&self, texel: u32, direction: Vec3) -> f32 {
+        self.mass[texel as usize] * self.per_solid_angle(direction)
     }
 
     /// The probability of each texel.
@@ -211,12 +236,35 @@ impl LightDistribution {
         &self.mass
     }
 
-    fn texel_density(&self, texel: usize, direction: Vec3) -> f32 {
+    /// Texels per solid angle at a direction.
+    #[inline]
+    fn per_solid_angle(&self, direction: Vec3) -> f32 {
         use std::f32::consts::PI;
         let sin_theta = (direction.x * direction.x + direction.y * direction.y)
             .sqrt()
             .max(1e-6);
-        self.mass[texel] * self.grid.len() as f32 / (2.0 * PI * PI * sin_theta)
+        self.grid.len() as f32 / (2.0 * PI * PI * sin_theta)
+    }
+}
+
+/// A direction drawn from a [`LightDistribution`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LightSample {
+    /// The unit direction.
+    pub direction: Vec3,
+    /// Its (u, v) on the grid.
+    pub coordinates: [f32; 2],
+    /// The texel chosen: one of the four that interpolation reads there.
+    pub texel: u32,
+}
+
+/// The place of [−1, 1] at which the tent 1 − |x| has accumulated the share `u`.
+#[inline]
+fn tent(u: f32) -> f32 {
+    if u < 0.5 {
+        (2.0 * u).sqrt() - 1.0
+    } else {
+        1.0 - (2.0 - 2.0 * u).sqrt()
     }
 }
 
@@ -285,15 +333,23 @@ mod tests {
     }
 
     #[test]
-    fn samples_follow_the_texel_masses() {
+    fn texels_are_chosen_by_their_masses_and_read_by_interpolation() {
         let map = map();
         let mut counts = vec![0.0; 128];
         let n = 1 << 16;
         let set = crate::sampler::Stratified::new(n);
         let mut stream = crate::sampler::SampleKey::default().stream();
         for i in 0..n {
-            let (direction, _) = map.distribution().sample(set.point(i, stream.uniform_2d()));
-            counts[map.grid().nearest(direction)] += 1.0 / n as f32;
+            let light = map
+                .distribution()
+                .sample_texel(set.point(i, stream.uniform_2d()));
+            counts[light.texel as usize] += 1.0 / n as f32;
+            let [u, v] = light.coordinates;
+            assert!((0.0..=1.0).contains(&u) && (0.0..=1.0).contains(&v));
+            assert!(
+                map.grid().bilinear_at(u, v).index.contains(&light.texel),
+                "{light:?}"
+            );
         }
         for (count, mass) in counts.iter().zip(map.distribution().mass()) {
             assert!(

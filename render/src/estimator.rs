@@ -9,7 +9,7 @@ use crate::bsdf::Model;
 use crate::lat_long::LatLong;
 use crate::loss::{LossForm, two_sample};
 use crate::materials::{MaterialNetwork, Network};
-use crate::path::PathBatch;
+use crate::path::{Lookup, PathBatch};
 use crate::pyramid::Pyramid;
 use crate::radiance::{
     Shading, batch_sizes, bind_batch, bind_values, record_environment, record_masks,
@@ -29,6 +29,8 @@ pub struct EstimatorOptions {
     pub degree: usize,
     /// Number of frames, each with a mask; 0 for no occluders.
     pub frames: usize,
+    /// How samples read the tables.
+    pub lookup: Lookup,
     /// How the loss is recorded.
     pub form: LossForm,
 }
@@ -105,6 +107,7 @@ impl Estimator {
                 name,
                 &pixel,
                 options.model,
+                options.lookup,
                 &environment,
                 masks.as_ref(),
                 &shading,

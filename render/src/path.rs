@@ -64,12 +64,24 @@ pub struct PathSettings {
     pub seed: u64,
     /// Iteration: new numbers every time.
     pub iteration: u32,
+    /// How tables are read.
+    pub lookup: Lookup,
     /// Which of several independent renders of the same pixels this is. The two renders of Eq. 9 must differ here.
     pub render: u32,
 }
 
+/// How a sample reads the tables of light and masks. Both have the same expectation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lookup {
+    /// All four texels around its direction, by their weights.
+    Bilinear,
+    /// One of the four, chosen by their weights ("Stochastic Texture Filtering", Fajardo et al. 2023): a quarter of the
+    /// memory traffic forwards and backwards, for a little noise.
+    Stochastic,
+}
+
 /// Samples of many points, a value an array, samples of a point adjoining.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct PathBatch {
     /// Samples of point p are `offsets[p]..offsets[p + 1]`.
     pub offsets: Vec<u32>,
@@ -89,13 +101,13 @@ pub struct PathBatch {
     pub mask: Corners,
 }
 
-/// Four texels and bilinear weights a sample, a corner an array.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// The texels a sample reads, a corner an array: four with bilinear weights, or one without.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Corners {
-    /// Table indices.
-    pub index: [Vec<u32>; 4],
-    /// Weights.
-    pub weight: [Vec<f32>; 4],
+    /// Table indices of each corner.
+    pub index: Vec<Vec<u32>>,
+    /// Weights of each of four corners; empty for one.
+    pub weight: Vec<Vec<f32>>,
 }
 
 /// Points are sampled in parallel in runs of this many; results do not depend on it.
@@ -105,14 +117,14 @@ impl PathBatch {
     /// Draws the samples of all points.
     pub fn sample(scene: &PathScene, points: &[ShadingPoint], settings: &PathSettings) -> Self {
         let run = |points: &[ShadingPoint]| {
-            let mut draw = Draw::new(scene);
+            let mut draw = Draw::new(scene, settings.lookup);
             points
                 .iter()
                 .for_each(|point| draw.monte_carlo(point, settings));
             draw.finish()
         };
         let runs: Vec<Self> = points.par_chunks(RUN).map(run).collect();
-        Self::join(&runs)
+        Self::join(&runs, settings.lookup)
     }
 
     /// The same integral without randomness: `side` × `side` directions in every texel of the environment, each weighted by
@@ -120,14 +132,14 @@ impl PathBatch {
     pub fn quadrature(scene: &PathScene, points: &[ShadingPoint], side: usize) -> Self {
         let quadrature = Quadrature::new(scene.environment_grid, side);
         let run = |points: &[ShadingPoint]| {
-            let mut draw = Draw::new(scene);
+            let mut draw = Draw::new(scene, Lookup::Bilinear);
             points
                 .iter()
                 .for_each(|point| draw.quadrature(point, &quadrature));
             draw.finish()
         };
         let runs: Vec<Self> = points.par_chunks(RUN).map(run).collect();
-        Self::join(&runs)
+        Self::join(&runs, Lookup::Bilinear)
     }
 
     /// The number of points.
@@ -180,11 +192,22 @@ impl PathBatch {
         sum
     }
 
-    fn join(runs: &[Self]) -> Self {
-        let mut all = Self {
+    /// A batch without points.
+    fn empty(lookup: Lookup) -> Self {
+        Self {
             offsets: vec![0],
-            ..Self::default()
-        };
+            outgoing: Vec::new(),
+            incident: Vec::new(),
+            half: Vec::new(),
+            difference: Vec::new(),
+            weight: Vec::new(),
+            light: Corners::empty(lookup),
+            mask: Corners::empty(lookup),
+        }
+    }
+
+    fn join(runs: &[Self], lookup: Lookup) -> Self {
+        let mut all = Self::empty(lookup);
         runs.iter().for_each(|run| all.append(run));
         all
     }
@@ -203,18 +226,43 @@ impl PathBatch {
     }
 }
 
+impl Lookup {
+    /// The number of texels read.
+    pub fn corners(self) -> usize {
+        match self {
+            Self::Bilinear => 4,
+            Self::Stochastic => 1,
+        }
+    }
+}
+
 impl Corners {
-    /// The interpolated value of sample `s`.
+    /// The value of a table that sample `s` reads.
     pub fn gather(&self, s: usize, table: impl Fn(usize) -> f64) -> f64 {
-        (0..4)
-            .map(|k| f64::from(self.weight[k][s]) * table(self.index[k][s] as usize))
+        let weight = |k: usize| self.weight.get(k).map_or(1.0, |w| f64::from(w[s]));
+        self.index
+            .iter()
+            .enumerate()
+            .map(|(k, index)| weight(k) * table(index[s] as usize))
             .sum()
     }
 
-    fn append(&mut self, other: &Self) {
-        for k in 0..4 {
-            self.index[k].extend_from_slice(&other.index[k]);
-            self.weight[k].extend_from_slice(&other.weight[k]);
+    fn empty(lookup: Lookup) -> Self {
+        let weights = if lookup == Lookup::Bilinear { 4 } else { 0 };
+        Self {
+            index: vec![Vec::new(); lookup.corners()],
+            weight: vec![Vec::new(); weights],
         }
+    }
+
+    fn append(&mut self, other: &Self) {
+        self.index
+            .iter_mut()
+            .zip(&other.index)
+            .for_each(|(all, run)| all.extend_from_slice(run));
+        self.weight
+            .iter_mut()
+            .zip(&other.weight)
+            .for_each(|(all, run)| all.extend_from_slice(run));
     }
 }

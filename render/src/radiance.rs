@@ -12,7 +12,7 @@ use autodiff::{Detached, Domain, Graph, Index, RunError, Scalar, Sizes, Var, Wor
 use crate::bsdf::Model;
 use crate::lat_long::LatLong;
 use crate::maps::{HarmonicMap, PyramidMap};
-use crate::path::{Corners, PathBatch};
+use crate::path::{Corners, Lookup, PathBatch};
 use crate::pyramid::Pyramid;
 
 /// A table of the tape that samples look up: one lane a texel.
@@ -78,12 +78,13 @@ pub fn table_sizes(
 /// Records the radiance of every pixel from its samples: 3 channels on `pixel`.
 ///
 /// The samples live on a new domain `{name} sample`, and everything bound by [`bind_batch`] is named `{name} ..`. Without
-/// `masks` there are no occluders.
+/// `masks` there are no occluders. Batches must have been drawn with the same `lookup`.
 pub fn record_radiance(
     g: &Graph,
     name: &str,
     pixel: &Domain,
     model: Model,
+    reading: Lookup,
     environment: &Table,
     masks: Option<&Table>,
     shading: &Shading,
@@ -92,9 +93,9 @@ pub fn record_radiance(
     let input = |what: &str| g.input(&format!("{name} {what}"), &sample, 1);
     let incident = input("incident");
     let weight = input("weight") * &incident;
-    let light = lookup(g, name, "light", &sample, environment);
+    let light = lookup(g, name, "light", &sample, environment, reading);
     let light = match masks {
-        Some(masks) => light * lookup(g, name, "mask", &sample, masks),
+        Some(masks) => light * lookup(g, name, "mask", &sample, masks, reading),
         None => light,
     };
     let diffuse = &shading.albedo * (1.0 / PI);
@@ -168,15 +169,28 @@ fn bind_corners<S: Scalar>(
     what: &str,
     corners: &Corners,
 ) -> Result<(), RunError> {
-    for k in 0..4 {
-        ws.set_index(&format!("{name} {what} index {k}"), &corners.index[k])?;
-        bind_values(ws, &format!("{name} {what} weight {k}"), &corners.weight[k])?;
+    for (k, index) in corners.index.iter().enumerate() {
+        ws.set_index(&format!("{name} {what} index {k}"), index)?;
+    }
+    for (k, weight) in corners.weight.iter().enumerate() {
+        bind_values(ws, &format!("{name} {what} weight {k}"), weight)?;
     }
     Ok(())
 }
 
-/// Records the bilinear lookup of every sample in a table.
-fn lookup(g: &Graph, name: &str, what: &str, sample: &Domain, table: &Table) -> Var {
+/// Records the lookup of every sample in a table.
+fn lookup(
+    g: &Graph,
+    name: &str,
+    what: &str,
+    sample: &Domain,
+    table: &Table,
+    reading: Lookup,
+) -> Var {
+    if reading == Lookup::Stochastic {
+        let index = g.index(&format!("{name} {what} index 0"), sample, &table.texel);
+        return table.value.gather(&index);
+    }
     let corners: Vec<(Index, Detached)> = (0..4)
         .map(|k| {
             let index = g.index(&format!("{name} {what} index {k}"), sample, &table.texel);

@@ -10,7 +10,7 @@ use render::estimator::{Estimator, EstimatorOptions, RenderSample, Unknowns};
 use render::lat_long::LatLong;
 use render::loss::{LossForm, one_sample};
 use render::materials::Network;
-use render::path::{PathBatch, PathScene, PathSettings, ShadingPoint};
+use render::path::{Lookup, PathBatch, PathScene, PathSettings, ShadingPoint};
 use render::pyramid::Pyramid;
 use render::radiance::{
     batch_sizes, bind_batch, bind_values, record_environment, record_masks, record_radiance,
@@ -32,7 +32,7 @@ struct Problem {
 }
 
 impl Problem {
-    fn new(model: Model, form: LossForm) -> Self {
+    fn new(model: Model, form: LossForm, lookup: Lookup) -> Self {
         let bvh = scenes::pair();
         let camera = scenes::camera(16);
         let mut points = Vec::new();
@@ -61,6 +61,7 @@ impl Problem {
             mask_grid: GRID,
             degree: 3,
             frames: 2,
+            lookup,
             form,
         };
         let mut unknowns = options.start(1.0, 7, 1.0);
@@ -128,6 +129,7 @@ impl Problem {
             material_samples: 4,
             seed: 11,
             iteration,
+            lookup: self.options.lookup,
             render,
         };
         self.with_scene(|scene| PathBatch::sample(scene, &self.points, &settings))
@@ -135,7 +137,7 @@ impl Problem {
 
     /// Loss and gradient by quadrature: both renders are the expected image.
     fn expected(&self) -> (f64, Unknowns) {
-        let estimator = self.estimator(LossForm::Product);
+        let estimator = self.estimator(LossForm::Product, Lookup::Bilinear);
         let batch = self.with_scene(|scene| PathBatch::quadrature(scene, &self.points, 12));
         let render = RenderSample {
             positions: &self.positions(),
@@ -146,9 +148,10 @@ impl Problem {
             .expect("sizes agree")
     }
 
-    fn estimator(&self, form: LossForm) -> Estimator {
+    fn estimator(&self, form: LossForm, lookup: Lookup) -> Estimator {
         Estimator::new(EstimatorOptions {
             form,
+            lookup,
             ..self.options.clone()
         })
         .expect("the formulas fit")
@@ -194,7 +197,7 @@ fn project(gradient: &Unknowns) -> Vec<f64> {
 #[test]
 fn the_tape_renders_what_plain_numbers_do() {
     for model in [Model::Lambertian, Model::Microfacet] {
-        let problem = Problem::new(model, LossForm::Product);
+        let problem = Problem::new(model, LossForm::Product, Lookup::Bilinear);
         let batch = problem.paths(0, 0);
         let g = Graph::new();
         let pixel = g.domain("pixel");
@@ -206,6 +209,7 @@ fn the_tape_renders_what_plain_numbers_do() {
             "first",
             &pixel,
             model,
+            Lookup::Bilinear,
             &environment,
             Some(&masks),
             &shading,
@@ -256,7 +260,7 @@ fn the_tape_renders_what_plain_numbers_do() {
 #[test]
 fn the_expected_gradient_is_that_of_finite_differences() {
     for model in [Model::Lambertian, Model::Microfacet] {
-        let mut problem = Problem::new(model, LossForm::Product);
+        let mut problem = Problem::new(model, LossForm::Product, Lookup::Bilinear);
         let (_, gradient) = problem.expected();
         for (i, step) in [(0_usize, 2e-2_f32), (9, 2e-2), (40, 2e-2)] {
             for kind in 0..2 {
@@ -294,10 +298,15 @@ fn the_expected_gradient_is_that_of_finite_differences() {
 #[test]
 fn both_forms_of_the_two_sample_loss_are_unbiased() {
     for model in [Model::Lambertian, Model::Microfacet] {
-        for form in [LossForm::Product, LossForm::HalfBackward] {
-            let problem = Problem::new(model, form);
+        let cases = [
+            (LossForm::Product, Lookup::Bilinear),
+            (LossForm::HalfBackward, Lookup::Bilinear),
+            (LossForm::HalfBackward, Lookup::Stochastic),
+        ];
+        for (form, lookup) in cases {
+            let problem = Problem::new(model, form, lookup);
             let expected = project(&problem.expected().1);
-            let estimator = problem.estimator(form);
+            let estimator = problem.estimator(form, lookup);
             let positions = problem.positions();
             let samples: Vec<Vec<f64>> = (0..REPEATS)
                 .map(|iteration| {
@@ -320,10 +329,13 @@ fn both_forms_of_the_two_sample_loss_are_unbiased() {
                 worst = worst.max(((mean - expected) / error).abs());
             }
             println!(
-                "{model:?} {form:?}: largest of {} z values: {worst:.2}",
+                "{model:?} {form:?} {lookup:?}: largest of {} z values: {worst:.2}",
                 expected.len()
             );
-            assert!(worst < 4.0, "{model:?} {form:?}: {worst} standard errors");
+            assert!(
+                worst < 4.0,
+                "{model:?} {form:?} {lookup:?}: {worst} standard errors"
+            );
         }
     }
 }
@@ -331,7 +343,7 @@ fn both_forms_of_the_two_sample_loss_are_unbiased() {
 #[test]
 fn the_square_of_one_render_is_biased() {
     let model = Model::Lambertian;
-    let problem = Problem::new(model, LossForm::Product);
+    let problem = Problem::new(model, LossForm::Product, Lookup::Bilinear);
     let expected: f64 = problem
         .expected()
         .1
@@ -349,6 +361,7 @@ fn the_square_of_one_render_is_biased() {
         "first",
         &pixel,
         model,
+        Lookup::Bilinear,
         &environment,
         Some(&masks),
         &shading,

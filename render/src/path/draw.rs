@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{Corners, PathBatch, PathScene, PathSettings, ShadingPoint};
+use super::{Corners, Lookup, PathBatch, PathScene, PathSettings, ShadingPoint};
 use crate::bsdf::{MaterialSampler, Model, power_heuristic};
 use crate::lat_long::{Bilinear, LatLong};
 use crate::occluder::mask_lookup;
@@ -15,6 +15,7 @@ use crate::transport::Quadrature;
 /// arrays that grow alike, they would evict each other from the first-level cache.
 pub(super) struct Draw<'a> {
     scene: &'a PathScene<'a>,
+    lookup: Lookup,
     batch: PathBatch,
     buffer: Vec<Sample>,
     samples: u32,
@@ -35,15 +36,13 @@ struct Sample {
 const BUFFER: usize = 64;
 
 impl<'a> Draw<'a> {
-    pub(super) fn new(scene: &'a PathScene<'a>) -> Self {
-        let batch = PathBatch {
-            offsets: vec![0],
-            ..PathBatch::default()
-        };
+    pub(super) fn new(scene: &'a PathScene<'a>, lookup: Lookup) -> Self {
+        let buffer = Vec::with_capacity(BUFFER);
         Self {
             scene,
-            batch,
-            buffer: Vec::with_capacity(BUFFER),
+            lookup,
+            batch: PathBatch::empty(lookup),
+            buffer,
             samples: 0,
         }
     }
@@ -63,11 +62,14 @@ impl<'a> Draw<'a> {
         );
         let mut numbers = stream(point, settings, 0);
         Stratified::new(settings.light_samples).for_each(|set, cell| {
-            let (direction, uv, density) = self
+            let light = self
                 .scene
                 .lights
-                .sample_at(set.point_in(cell, numbers.uniform_2d()));
+                .sample_texel(set.point_in(cell, numbers.uniform_2d()));
+            let (direction, uv) = (light.direction, light.coordinates);
             if self.lit(point, direction, uv) {
+                let texels = self.read(&mut numbers, uv, Some(light.texel));
+                let density = self.light_density(&texels, direction);
                 let other = if materials > 0.0 {
                     sampler.density(direction)
                 } else {
@@ -75,7 +77,7 @@ impl<'a> Draw<'a> {
                 };
                 let weight =
                     power_heuristic(lights, density, materials, other) / (lights * density);
-                self.push(point, direction, uv, weight);
+                self.push(point, direction, weight, texels, &mut numbers);
             }
         });
         let mut numbers = stream(point, settings, 1);
@@ -84,21 +86,18 @@ impl<'a> Draw<'a> {
             let direction = sampler.sample(place, &mut numbers);
             let uv = LatLong::coordinates(direction);
             if self.lit(point, direction, uv) {
+                let texels = self.read(&mut numbers, uv, None);
                 let density = sampler.density(direction);
                 let other = if lights > 0.0 {
-                    self.scene.lights.density_at(direction, uv)
+                    self.light_density(&texels, direction)
                 } else {
                     0.0
                 };
                 let weight =
                     power_heuristic(materials, density, lights, other) / (materials * density);
                 // A density of zero leaves 0/0: such a direction is drawn by rounding alone.
-                self.push(
-                    point,
-                    direction,
-                    uv,
-                    if density > 0.0 { weight } else { 0.0 },
-                );
+                let weight = if density > 0.0 { weight } else { 0.0 };
+                self.push(point, direction, weight, texels, &mut numbers);
             }
         });
         self.end_point(point);
@@ -111,7 +110,15 @@ impl<'a> Draw<'a> {
                 let direction = quadrature.direction(texel, ray);
                 let uv = LatLong::coordinates(direction);
                 if self.lit(point, direction, uv) {
-                    self.push(point, direction, uv, quadrature.solid_angle(texel, ray));
+                    let texels = self.scene.environment_grid.bilinear_at(uv[0], uv[1]);
+                    let mut unused = SampleKey::default().stream();
+                    self.push(
+                        point,
+                        direction,
+                        quadrature.solid_angle(texel, ray),
+                        texels,
+                        &mut unused,
+                    );
                 }
             }
         }
@@ -133,12 +140,53 @@ impl<'a> Draw<'a> {
             && visibility.visible(bvh, &point.surface, point.cached as usize, direction, uv)
     }
 
+    /// The texels of light that a sample reads; a light sample reads the one it was drawn from.
     #[inline]
-    fn push(&mut self, point: &ShadingPoint, direction: Vec3, uv: [f32; 2], weight: f32) {
+    fn read(&self, numbers: &mut Stream, uv: [f32; 2], drawn: Option<u32>) -> Bilinear {
+        match (self.lookup, drawn) {
+            (Lookup::Stochastic, Some(texel)) => one(texel),
+            _ => self.choose(
+                self.scene.environment_grid.bilinear_at(uv[0], uv[1]),
+                numbers,
+            ),
+        }
+    }
+
+    /// All four texels, or one of them by their weights.
+    #[inline]
+    fn choose(&self, texels: Bilinear, numbers: &mut Stream) -> Bilinear {
+        if self.lookup == Lookup::Bilinear {
+            return texels;
+        }
+        let u = numbers.uniform();
+        let [a, b, c, _] = texels.weight;
+        let corner = usize::from(u >= a) + usize::from(u >= a + b) + usize::from(u >= a + b + c);
+        one(texels.index[corner])
+    }
+
+    /// The density of light samples, for what a sample reads.
+    #[inline]
+    fn light_density(&self, texels: &Bilinear, direction: Vec3) -> f32 {
+        match self.lookup {
+            Lookup::Bilinear => self.scene.lights.density(direction),
+            Lookup::Stochastic => self.scene.lights.texel_density(texels.index[0], direction),
+        }
+    }
+
+    #[inline]
+    fn push(
+        &mut self,
+        point: &ShadingPoint,
+        direction: Vec3,
+        weight: f32,
+        light: Bilinear,
+        numbers: &mut Stream,
+    ) {
         let (scene, normal) = (self.scene, point.surface.normal);
         let half = (direction + point.outgoing).normalize_or_zero();
         let radius = scene.radii[point.frame as usize];
-        let mut mask = mask_lookup(scene.mask_grid, point.surface.position, direction, radius);
+        let lookup = mask_lookup(scene.mask_grid, point.surface.position, direction, radius);
+        let mut mask = self.choose(lookup, numbers);
         mask.index = mask
             .index
             .map(|texel| texel * scene.radii.len() as u32 + point.frame);
@@ -151,7 +199,7 @@ impl<'a> Draw<'a> {
             half: normal.dot(half),
             difference: half.dot(direction),
             weight,
-            light: scene.environment_grid.bilinear_at(uv[0], uv[1]),
+            light,
             mask,
         });
     }
@@ -178,9 +226,20 @@ impl<'a> Draw<'a> {
 }
 
 fn spread(corners: &mut Corners, samples: &[Sample], lookup: impl Fn(&Sample) -> &Bilinear) {
-    for k in 0..4 {
-        corners.index[k].extend(samples.iter().map(|s| lookup(s).index[k]));
-        corners.weight[k].extend(samples.iter().map(|s| lookup(s).weight[k]));
+    for (k, index) in corners.index.iter_mut().enumerate() {
+        index.extend(samples.iter().map(|s| lookup(s).index[k]));
+    }
+    for (k, weight) in corners.weight.iter_mut().enumerate() {
+        weight.extend(samples.iter().map(|s| lookup(s).weight[k]));
+    }
+}
+
+/// A lookup of one texel.
+#[inline]
+fn one(texel: u32) -> Bilinear {
+    Bilinear {
+        index: [texel; 4],
+        weight: [1.0, 0.0, 0.0, 0.0],
     }
 }
 

@@ -9,7 +9,7 @@ use render::environment::EnvironmentMap;
 use render::image::Image;
 use render::lat_long::LatLong;
 use render::occluder::mask_lookup;
-use render::path::{PathBatch, PathScene, PathSettings, ShadingPoint};
+use render::path::{Lookup, PathBatch, PathScene, PathSettings, ShadingPoint};
 use render::visibility::Visibility;
 
 const MATERIAL: Material = Material {
@@ -70,7 +70,11 @@ fn light_material_and_combined_samples_agree_with_quadrature() {
                 mask_grid: grid,
                 radii: &[RADIUS],
             };
-            for (light_samples, material_samples) in [(64, 0), (0, 64), (32, 32), (48, 12)] {
+            let counts = [(64, 0), (0, 64), (32, 32), (48, 12)];
+            let readings = [Lookup::Bilinear, Lookup::Stochastic];
+            for ((light_samples, material_samples), lookup) in
+                counts.into_iter().flat_map(|n| readings.map(|l| (n, l)))
+            {
                 let points: Vec<ShadingPoint> = (0..400)
                     .map(|pixel| ShadingPoint {
                         surface,
@@ -82,6 +86,7 @@ fn light_material_and_combined_samples_agree_with_quadrature() {
                     })
                     .collect();
                 let settings = PathSettings {
+                    lookup,
                     light_samples,
                     material_samples,
                     seed: 3,
@@ -101,7 +106,7 @@ fn light_material_and_combined_samples_agree_with_quadrature() {
                     let slack = 4.0 * error + 2e-3 * expected[c];
                     assert!(
                         (mean - expected[c]).abs() < slack,
-                        "{model:?} {light_samples}+{material_samples} at {x},{y}: {mean} ± {error}, {}",
+                        "{model:?} {lookup:?} {light_samples}+{material_samples} at {x},{y}: {mean} ± {error}, {}",
                         expected[c]
                     );
                 }
@@ -144,6 +149,7 @@ fn paths_are_the_same_for_any_number_of_threads_and_differ_between_renders() {
         radii: &[RADIUS, RADIUS],
     };
     let settings = PathSettings {
+        lookup: Lookup::Stochastic,
         light_samples: 6,
         material_samples: 4,
         seed: 1,

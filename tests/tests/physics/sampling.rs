@@ -55,7 +55,6 @@ fn check_rows(
         .collect();
     let counted = rows * bins.columns;
     let z = chi_square_z(&counts[..counted], &expected[..counted]);
-    println!("{name}: {z}");
     assert!(z.abs() < 4.5, "{name}: {z} standard deviations");
 }
 

@@ -4,7 +4,7 @@ use eclipse_tests::scenes;
 use render::bsdf::Model;
 use render::bvh::SurfacePoint;
 use render::lat_long::LatLong;
-use render::path::{PathBatch, PathScene, PathSettings, ShadingPoint};
+use render::path::{Lookup, PathBatch, PathScene, PathSettings, ShadingPoint};
 use render::transport::Quadrature;
 use render::visibility::{Visibility, VisibilityCache};
 
@@ -103,6 +103,7 @@ fn estimates_from_the_cache_and_from_rays_agree() {
             radii: &[3.0],
         };
         let settings = PathSettings {
+            lookup: Lookup::Stochastic,
             light_samples: 256,
             material_samples: 256,
             seed: 2,
