@@ -1,13 +1,11 @@
 //! The operator as an upright cutout: one silhouette shared by all frames, standing behind the camera.
 //!
-//! For frame t the cutout stands in the vertical plane that faces the object's axis at a distance D_t from it, near the
-//! camera's. Its coordinates are in units of that distance: u to the side, v up from the camera's height. A ray x + τω meets
-//! the plane at u = U + (x·l − (x·n)U)/D, where U = ω·l / ω·n is where a ray from the origin would meet it and n, l are the
-//! plane's normal and its horizontal direction: parallax is linear in the inverse distance. A person walks about while
-//! photographing, so every frame may shift, scale and widen the silhouette a little.
+//! For frame t the cutout stands in the vertical plane that faces the object's axis at the camera's distance from it. Its
+//! coordinates are in units of that distance: u to the side, v up from the camera's height. A ray from the origin meets the
+//! plane at (U, V) = (ω·l / ω·n, ω_z / ω·n − camera's height), where n, l are the plane's normal and its horizontal
+//! direction. A person walks about while photographing, so every frame may shift, scale and widen the silhouette a little.
 
 use glam::Vec3;
-use rayon::prelude::*;
 use render::{camera::Camera, lat_long::LatLong};
 
 /// Rows and columns of the silhouette's texture.
@@ -18,15 +16,12 @@ pub const REACH: f32 = 1.6;
 pub const TOP: f32 = 0.6;
 /// Lower end of the texture.
 pub const BOTTOM: f32 = -3.4;
-/// Parameters of a frame: shift to the side, shift up, log scale, log extra width, log distance; each in units of its
-/// standard deviation below.
-pub const FRAME_PARAMETERS: usize = 5;
+/// Parameters of a frame: shift to the side, shift up, log scale, log extra width; each in units of its standard deviation
+/// below.
+pub const FRAME_PARAMETERS: usize = 4;
 /// Standard deviations of the frame's parameters: a step to the side, the camera's height on the body, a person's size
-/// seen from here and there, turning, and standing closer or further than the camera.
-pub const FRAME_SD: [f32; FRAME_PARAMETERS] = [0.08, 0.08, 0.1, 0.1, 0.1];
-/// Rays whose logit of opacity is below this are left out: they pass, and their gradient is small.
-const CLEAR: f32 = -6.0;
-
+/// seen from here and there, and turning.
+pub const FRAME_SD: [f32; FRAME_PARAMETERS] = [0.08, 0.08, 0.1, 0.1];
 /// Where a frame's cutout stands.
 #[derive(Clone, Copy, Debug)]
 pub struct Stand {
@@ -83,19 +78,15 @@ pub fn person(height: f32, half_width: f32) -> Vec<f32> {
         .collect()
 }
 
-/// Rays from patches towards the cutout, in the order of the views they belong to: what the tape needs for its part.
+/// The texels of a grid, for each frame, that the cutout may cover as seen from the origin: what the tape needs.
 #[derive(Clone, Debug, Default)]
-pub struct ShadowRays {
-    /// Where the rays of each view start, and their number last.
-    pub offsets: Vec<u32>,
-    /// Texel of the environment.
-    pub texel: Vec<u32>,
-    /// Cosine-weighted visible solid angle over π.
-    pub weight: Vec<f32>,
-    /// (U, V): where a ray from the origin would meet the plane.
-    pub from_origin: [Vec<f32>; 2],
-    /// Its change with the inverse distance.
-    pub parallax: [Vec<f32>; 2],
+pub struct Sky {
+    /// Texel × frames + frame of each.
+    pub entry: Vec<u32>,
+    /// Frame of each.
+    pub frame: Vec<u32>,
+    /// (U, V): where the ray from the origin meets the plane.
+    pub met: [Vec<f32>; 2],
     /// Lower corner of the texture's cell that the ray meets.
     pub cell: [Vec<f32>; 2],
     /// The cell's four texels: upper left, upper right, lower left, lower right.
@@ -121,14 +112,13 @@ struct Place {
 }
 
 impl Cutout {
-    /// Texture coordinates of a ray with given (U, V) and parallax.
-    fn place(&self, frame: usize, from_origin: [f32; 2], parallax: [f32; 2]) -> Option<Place> {
+    /// Texture coordinates of a place (U, V) of the plane.
+    fn place(&self, frame: usize, met: [f32; 2]) -> Option<Place> {
         let p = &self.frames[frame];
-        let inverse_distance = (-p[4] * FRAME_SD[4]).exp() / self.stands[frame].distance;
         let scale = (p[2] * FRAME_SD[2]).exp();
         let width = scale * (p[3] * FRAME_SD[3]).exp();
-        let u = (from_origin[0] + parallax[0] * inverse_distance - p[0] * FRAME_SD[0]) / width;
-        let v = (from_origin[1] + parallax[1] * inverse_distance - p[1] * FRAME_SD[1]) / scale;
+        let u = (met[0] - p[0] * FRAME_SD[0]) / width;
+        let v = (met[1] - p[1] * FRAME_SD[1]) / scale;
         let [x, y] = [texture_x(u), texture_y(v)];
         let inside = x >= 0.0
             && y >= 0.0
@@ -164,120 +154,40 @@ impl Cutout {
         })
     }
 
-    /// The share of light that a ray from `point` loses to the cutout.
-    pub fn opacity(&self, frame: usize, point: Vec3, direction: Vec3) -> f32 {
-        let stand = &self.stands[frame];
-        let Some(from_origin) = stand.meet(direction) else {
-            return 0.0;
-        };
-        let place = self.place(frame, from_origin, parallax(stand, point, from_origin));
+    /// The share of light from `direction` that the origin loses to the cutout.
+    pub fn opacity(&self, frame: usize, direction: Vec3) -> f32 {
+        let place = self.stands[frame]
+            .meet(direction)
+            .and_then(|met| self.place(frame, met));
         place.map_or(0.0, |place| sigmoid(place.logit))
     }
 
-    /// The rays of each view (patch position, frame) that the cutout may stop, out of the patch's row of the transport.
-    ///
-    /// `rows` is `[patch][texel]`.
-    pub fn rays(
-        &self,
-        grid: LatLong,
-        positions: &[Vec3],
-        rows: &[f32],
-        views: &[(u32, u32)],
-    ) -> ShadowRays {
-        let directions: Vec<Vec3> = (0..grid.len())
-            .map(|d| grid.texel_direction(d / grid.columns, d % grid.columns))
-            .collect();
-        let reach =
-            |uv: &[f32; 2]| uv[0].abs() < 1.5 * REACH && uv[1] < TOP + 0.4 && uv[1] > 1.3 * BOTTOM;
-        let ahead: Vec<Vec<(u32, [f32; 2])>> = self
-            .stands
-            .par_iter()
-            .map(|stand| {
-                let met = directions
-                    .iter()
-                    .enumerate()
-                    .filter_map(|(d, &w)| Some((d as u32, stand.meet(w)?)));
-                met.filter(|(_, uv)| reach(uv)).collect()
-            })
-            .collect();
-        let chunk = views.len().div_ceil(64).max(1);
-        let parts: Vec<ShadowRays> = views
-            .par_chunks(chunk)
-            .map(|views| {
-                let mut rays = ShadowRays::default();
-                for &(patch, frame) in views {
-                    let stand = &self.stands[frame as usize];
-                    let row = &rows[patch as usize * grid.len()..][..grid.len()];
-                    for &(texel, uv) in &ahead[frame as usize] {
-                        let weight = row[texel as usize];
-                        if weight == 0.0 {
-                            continue;
-                        }
-                        let shift = parallax(stand, positions[patch as usize], uv);
-                        if let Some(place) = self
-                            .place(frame as usize, uv, shift)
-                            .filter(|p| p.logit > CLEAR)
-                        {
-                            rays.push(texel, weight, uv, shift, &place);
-                        }
-                    }
-                    rays.offsets.push(rays.texel.len() as u32);
+    /// The texels of `grid` that the cutout may cover, frame by frame.
+    pub fn sky(&self, grid: LatLong) -> Sky {
+        let frames = self.stands.len();
+        let mut sky = Sky::default();
+        for texel in 0..grid.len() {
+            let direction = grid.texel_direction(texel / grid.columns, texel % grid.columns);
+            for (frame, stand) in self.stands.iter().enumerate() {
+                let Some(met) = stand.meet(direction) else {
+                    continue;
+                };
+                let Some(place) = self.place(frame, met) else {
+                    continue;
+                };
+                sky.entry.push((texel * frames + frame) as u32);
+                sky.frame.push(frame as u32);
+                for i in 0..2 {
+                    sky.met[i].push(met[i]);
+                    sky.cell[i].push(place.cell[i]);
                 }
-                rays
-            })
-            .collect();
-        ShadowRays::join(parts)
-    }
-}
-
-impl ShadowRays {
-    fn push(&mut self, texel: u32, weight: f32, uv: [f32; 2], shift: [f32; 2], place: &Place) {
-        self.texel.push(texel);
-        self.weight.push(weight);
-        for i in 0..2 {
-            self.from_origin[i].push(uv[i]);
-            self.parallax[i].push(shift[i]);
-            self.cell[i].push(place.cell[i]);
-        }
-        for k in 0..4 {
-            self.corners[k].push(place.corners[k]);
-        }
-    }
-
-    fn join(parts: Vec<Self>) -> Self {
-        let mut all = Self {
-            offsets: vec![0],
-            ..Self::default()
-        };
-        for part in parts {
-            let start = all.texel.len() as u32;
-            all.offsets.extend(part.offsets.iter().map(|o| o + start));
-            all.texel.extend(part.texel);
-            all.weight.extend(part.weight);
-            for (all, part) in all.from_origin.iter_mut().zip(part.from_origin) {
-                all.extend(part);
-            }
-            for (all, part) in all.parallax.iter_mut().zip(part.parallax) {
-                all.extend(part);
-            }
-            for (all, part) in all.cell.iter_mut().zip(part.cell) {
-                all.extend(part);
-            }
-            for (all, part) in all.corners.iter_mut().zip(part.corners) {
-                all.extend(part);
+                for k in 0..4 {
+                    sky.corners[k].push(place.corners[k]);
+                }
             }
         }
-        all
+        sky
     }
-}
-
-fn parallax(stand: &Stand, point: Vec3, from_origin: [f32; 2]) -> [f32; 2] {
-    let along = point.dot(stand.normal);
-    let height = from_origin[1] + stand.height;
-    [
-        point.dot(stand.lateral) - along * from_origin[0],
-        point.z - along * height,
-    ]
 }
 
 /// The texture's column coordinate, texel centres at integers.

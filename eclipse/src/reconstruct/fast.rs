@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use autodiff::GraphError;
 use render::{bvh::Bvh, lat_long::LatLong, transport::Quadrature};
 
 use super::{
@@ -9,9 +10,11 @@ use super::{
     least_squares::{self, Linearisation, StepOptions},
     model::{At, Shared},
     patches::{Observations, PatchOptions},
+    shell::Shell,
+    sky::SkyModel,
     transport,
 };
-use crate::{capture::Frame, reconstruction::Noise};
+use crate::{capture::Frame, reconstruction::Noise, settings::OccluderPrior};
 
 /// No texel's log radiance changes by more in one step: beyond, the linearisation of the exponential means nothing.
 const LARGEST_CHANGE: f32 = 3.0;
@@ -41,53 +44,85 @@ pub struct Solution {
     pub chi2: f64,
 }
 
+/// What is fitted, and what is assumed of occluders.
+#[derive(Clone, Copy)]
+pub struct Problem<'a> {
+    /// The object.
+    pub bvh: &'a Bvh,
+    /// Photographs.
+    pub frames: &'a [Frame],
+    /// Their noise.
+    pub noise: &'a Noise,
+    /// Whether occluders are modelled, and what is assumed of them.
+    pub occluders: Option<OccluderPrior>,
+    /// Degree of the harmonics when nothing is assumed.
+    pub harmonic_degree: usize,
+    /// Seed of every random number.
+    pub seed: u64,
+    /// Worker threads.
+    pub threads: usize,
+}
+
 /// Prepares a stage.
+///
+/// # Errors
+/// When the tape does not compile, which would be a bug.
 pub fn prepare(
-    bvh: &Bvh,
-    frames: &[Frame],
-    noise: &Noise,
+    problem: &Problem<'_>,
     stage: &Stage,
-    seed: u64,
-    occluders: bool,
-    threads: usize,
-) -> (Observations, Shared) {
+    used: &(dyn Fn(usize, u32) -> bool + Sync),
+) -> Result<(Observations, Shared), GraphError> {
     let options = PatchOptions {
         count: stage.patches,
         members: stage.members,
         model_error: 0.006,
     };
-    let observations = Observations::gather(bvh, frames, noise, &options, seed, &|_, _| true);
+    let frames = problem.frames;
+    let observations = Observations::gather(
+        problem.bvh,
+        frames,
+        problem.noise,
+        &options,
+        problem.seed,
+        used,
+    );
     let quadrature = Quadrature::new(LatLong::new(stage.rows, 2 * stage.rows), 2);
-    let rows = transport::rows(bvh, &quadrature, &observations.patches);
-    let stands = if occluders {
-        frames.iter().map(|f| Stand::behind(&f.camera)).collect()
-    } else {
-        Vec::new()
+    let rows = transport::rows(problem.bvh, &quadrature, &observations.patches);
+    let grid = quadrature.grid();
+    let cameras = || frames.iter().map(|f| &f.camera);
+    let (sky, shell) = match problem.occluders {
+        None => (SkyModel::Clear, Shell::sphere(cameras())),
+        Some(OccluderPrior::Operator) => (
+            SkyModel::cutout(cameras().map(Stand::behind).collect())?,
+            Shell::cylinder(cameras()),
+        ),
+        Some(OccluderPrior::None) => (
+            SkyModel::harmonics(problem.harmonic_degree, grid, frames.len())?,
+            Shell::sphere(cameras()),
+        ),
     };
     let shared = Shared::new(
-        quadrature.grid(),
-        rows,
+        grid,
+        &rows,
         &observations,
-        stands,
-        16.0,
-        threads,
-    );
-    (observations, shared)
+        frames.len(),
+        shell,
+        sky,
+        problem.threads,
+    )?;
+    Ok((observations, shared))
 }
 
-/// Carries a solution to a finer stage: coarse levels come first in every group of parameters.
+/// Carries a solution to a finer stage: coarse levels come first in the pyramid, occluders do not depend on the grid.
 pub fn refine(from: &Shared, z: &[f32], to: &Shared) -> Vec<f32> {
     let mut fine = vec![0.0; to.parameters()];
-    let (a, b) = (from.ranges(), to.ranges());
-    let (coarse, finer) = (a[0].len() / 3, b[0].len() / 3);
+    let ([coarse, a], [finer, b]) = (from.ranges(), to.ranges());
+    let (coarse, finer) = (coarse.len() / 3, finer.len() / 3);
+    let kept = coarse.min(finer);
     for c in 0..3 {
-        fine[c * finer..c * finer + coarse.min(finer)]
-            .copy_from_slice(&z[c * coarse..c * coarse + coarse.min(finer)]);
+        fine[c * finer..c * finer + kept].copy_from_slice(&z[c * coarse..c * coarse + kept]);
     }
-    for k in 1..3 {
-        fine[b[k].clone()].copy_from_slice(&z[a[k].clone()]);
-    }
-    // The mean radiance of the two stages differs by how their patches sample the surface.
+    fine[b].copy_from_slice(&z[a]);
     fine
 }
 

@@ -3,7 +3,9 @@
 pub mod cutout;
 pub mod fast;
 pub mod least_squares;
-pub mod maps;
 pub mod model;
 pub mod patches;
+pub mod pyramid;
+pub mod shell;
+pub mod sky;
 pub mod transport;
