@@ -8,6 +8,8 @@ use crate::real::Real;
 /// A scalar that packs into vector registers. Dual numbers are packs of one.
 #[doc(hidden)]
 pub trait Packed: Copy {
+    /// Whether packs are wider than one scalar.
+    const PACKED: bool;
     /// A vector register of scalars.
     type Pack<S: Simd>: Copy;
     /// A slice as packs, and the rest.
@@ -28,6 +30,7 @@ pub trait Packed: Copy {
 macro_rules! packed {
     ($t:ty, $pack:ident, $as:ident, $as_mut:ident, $splat:ident, $fma:ident, $add:ident, $sum:ident) => {
         impl Packed for $t {
+            const PACKED: bool = true;
             type Pack<S: Simd> = S::$pack;
             #[inline(always)]
             fn packs<S: Simd>(x: &[Self]) -> (&[S::$pack], &[Self]) {
@@ -78,6 +81,7 @@ packed!(
 );
 
 impl<T: Real> Packed for Dual<T> {
+    const PACKED: bool = false;
     type Pack<S: Simd> = Self;
     #[inline(always)]
     fn packs<S: Simd>(x: &[Self]) -> (&[Self], &[Self]) {

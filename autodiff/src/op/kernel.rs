@@ -1,6 +1,6 @@
 //! The loops over lanes that every elementwise primitive shares.
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Arch, Scalar, Simd, WithSimd};
 
 use super::Primitive;
 use crate::real::{Fma, Real};
@@ -10,6 +10,8 @@ use crate::real::{Fma, Real};
 /// The compiler vectorises plain loops over slices; it needs the slices as arguments of the function that holds the loop, to
 /// know that they do not overlap.
 pub(crate) trait Kernel {
+    /// Whether vector instructions are worth compiling for.
+    const PACKED: bool;
     /// The loop; must be `#[inline(always)]`, as must all that it calls.
     fn run<S: Simd>(self, simd: S);
 }
@@ -27,8 +29,12 @@ impl<K: Kernel> WithSimd for Dispatch<K> {
 
 /// Runs a kernel with the instruction set `arch`.
 #[inline(always)]
-pub(crate) fn dispatch(arch: Arch, kernel: impl Kernel) {
-    arch.dispatch(Dispatch(kernel))
+pub(crate) fn dispatch<K: Kernel>(arch: Arch, kernel: K) {
+    if K::PACKED {
+        arch.dispatch(Dispatch(kernel))
+    } else {
+        kernel.run(Scalar)
+    }
 }
 
 /// `y = f(x)`.
@@ -48,6 +54,8 @@ struct Evaluate<'a, R, P, const N: usize> {
 }
 
 impl<R: Real, P: Primitive<N>, const N: usize> Kernel for Evaluate<'_, R, P, N> {
+    const PACKED: bool = R::PACKED;
+
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
         let [x0, x1, x2] = three(self.x);
@@ -134,6 +142,8 @@ struct Operand<T, const I: usize>(T);
 impl<R: Real, P: Primitive<N>, const N: usize, const I: usize> Kernel
     for Operand<Pass<'_, R, P, N>, I>
 {
+    const PACKED: bool = R::PACKED;
+
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
         let pass = self.0;

@@ -19,6 +19,8 @@ pub(super) struct Accumulate<'a, R, const N: usize, const C: usize> {
 }
 
 impl<R: Real, const N: usize, const C: usize> Kernel for Accumulate<'_, R, N, C> {
+    const PACKED: bool = R::PACKED;
+
     #[inline(always)]
     fn run<S: Simd>(mut self, simd: S) {
         let lanes = self.rows[0].len() / self.axis;
@@ -98,6 +100,8 @@ pub(super) struct Dots<'a, R, const C: usize> {
 }
 
 impl<R: Real, const C: usize> Kernel for Dots<'_, R, C> {
+    const PACKED: bool = R::PACKED;
+
     #[inline(always)]
     fn run<S: Simd>(self, simd: S) {
         for (lane, row) in self.rows.chunks_exact(self.axis).enumerate() {
@@ -130,6 +134,8 @@ pub(super) struct PullRows<'a, R, const C: usize> {
 }
 
 impl<R: Real, const C: usize> Kernel for PullRows<'_, R, C> {
+    const PACKED: bool = R::PACKED;
+
     #[inline(always)]
     fn run<S: Simd>(mut self, simd: S) {
         let packs = R::packs::<S>(self.g[0]).0.len();
@@ -194,6 +200,8 @@ pub(super) struct Products<'a, R> {
 }
 
 impl<R: Real> Kernel for Products<'_, R> {
+    const PACKED: bool = R::PACKED;
+
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
         let axis = self.g.len();

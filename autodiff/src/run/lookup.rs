@@ -203,6 +203,8 @@ struct Interpolate<'a, R, const N: usize> {
 }
 
 impl<R: Real, const N: usize> Kernel for Interpolate<'_, R, N> {
+    const PACKED: bool = R::PACKED;
+
     #[inline(always)]
     fn run<S: Simd>(self, simd: S) {
         let (axis, width) = (self.rows.axis, self.rows.width());
@@ -289,6 +291,8 @@ struct ScatterWeighted<'a, R> {
 }
 
 impl<R: Real> Kernel for ScatterWeighted<'_, R> {
+    const PACKED: bool = R::PACKED;
+
     #[inline(always)]
     fn run<S: Simd>(self, simd: S) {
         let (axis, width) = (self.rows.axis, self.rows.width());

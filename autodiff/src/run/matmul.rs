@@ -42,6 +42,8 @@ pub(super) fn product<R: Real>(arch: Arch, product: Product<R>) {
 }
 
 impl<R: Real> Kernel for Product<'_, R> {
+    const PACKED: bool = R::PACKED;
+
     #[inline(always)]
     fn run<S: Simd>(mut self, simd: S) {
         // Blocks are padded to whole tiles, so the last one is computed in full; what is beyond `lanes` is not read.
@@ -129,6 +131,8 @@ pub(super) fn outer<R: Real>(arch: Arch, outer: Outer<R>) {
 }
 
 impl<R: Real> Kernel for Outer<'_, R> {
+    const PACKED: bool = R::PACKED;
+
     #[inline(always)]
     fn run<S: Simd>(mut self, simd: S) {
         for column in 0..self.columns {

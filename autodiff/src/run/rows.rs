@@ -24,6 +24,8 @@ struct AddRow<'a, R> {
 }
 
 impl<R: Real> Kernel for AddRow<'_, R> {
+    const PACKED: bool = R::PACKED;
+
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
         add_row(self.target, self.source);
@@ -68,6 +70,8 @@ struct AddPartials<'a, R> {
 }
 
 impl<R: Real> Kernel for AddPartials<'_, R> {
+    const PACKED: bool = R::PACKED;
+
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
         let mut sums = [R::default(); PARTIALS];
