@@ -47,6 +47,25 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
+//! # Singularities and kinks
+//! A derivative of exactly 0 contributes exactly 0, whatever it is multiplied with, in both directions: the branch of a
+//! [`Mask::select`] that is not taken contributes nothing, even if it holds a NaN. What is not masked is not clamped either;
+//! [`Program::find_non_finite`] tells where a NaN or an infinity first appeared.
+//!
+//! | operation | value | derivative |
+//! | --- | --- | --- |
+//! | `sqrt` at 0 | 0 | infinite |
+//! | `rsqrt`, `recip` at 0 | infinite | infinite, or NaN |
+//! | `ln` at 0; below | minus infinity; NaN | infinite |
+//! | `pow` at base 0: exponent 0; in (0, 1); 1; above | 1; 0; 0; 0 | 0; infinite; 1; 0 by the base, 0 by the exponent |
+//! | `pow` of a negative base | NaN | NaN |
+//! | `acos` at -1 and 1 | pi, 0 | minus infinity |
+//! | `atan2` at (0, 0) | 0 | NaN |
+//! | `normalize` of the zero vector | NaN | NaN |
+//! | `abs`, `relu` at 0 | 0 | 0 |
+//! | `clamp` at a bound | the bound | 1 |
+//! | `min`, `max` at a tie | either | all of it to the first operand |
+//!
 //! Mistakes in formulas are returned by [`Graph::compile`], with both operands and the place in the source; mistakes in what
 //! is bound are returned when it is bound.
 
@@ -72,4 +91,4 @@ pub use graph::{
 pub use linear_map::LinearMap;
 pub use program::Program;
 pub use real::{Fma, Real, Scalar};
-pub use run::{Memory, Sizes, Workspace};
+pub use run::{Memory, NonFinite, Sizes, Workspace};

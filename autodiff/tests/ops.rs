@@ -249,3 +249,28 @@ fn detached_values_carry_no_gradient() {
     let (_, none) = gradient("stays");
     assert!(none.iter().all(|x| x.to_bits() == 0));
 }
+
+#[test]
+fn the_origin_of_a_nan_is_found() {
+    let g = Graph::new();
+    let lane = g.domain("lane");
+    let (x, y) = (g.param("x", &lane, 1), g.param("y", &lane, 1));
+    let ratio = (&x / &y).label("ratio");
+    let program = g.compile(&[("loss", &(ratio * 2.0).exp().sum())]).unwrap();
+    let mut ws = workspace(&program, &[1.0, 0.0, 2.0], &[1.0, 0.0, 4.0]);
+    let found = program.find_non_finite(&mut ws).unwrap().unwrap();
+    assert_eq!((found.origin.as_str(), found.lane), ("ratio", 1));
+    assert!(found.value.is_nan());
+    assert_eq!(
+        found.operands,
+        [("x".to_string(), 0.0), ("y".to_string(), 0.0)]
+    );
+    assert!(found.to_string().contains("`ratio` is NaN at lane 1"));
+    ws.set("y", &[1.0, 1.0, 4.0]).unwrap();
+    assert_eq!(program.find_non_finite(&mut ws).unwrap(), None);
+    ws.set("x", &[f64::INFINITY, 0.0, 2.0]).unwrap();
+    assert_eq!(
+        program.find_non_finite(&mut ws).unwrap().unwrap().origin,
+        "x"
+    );
+}

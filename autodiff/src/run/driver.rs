@@ -37,10 +37,10 @@ pub(super) struct State<R> {
     pub live: Vec<bool>,
     pub seeded: Vec<bool>,
     replay: Vec<bool>,
-    chunks: Vec<Vec<Mutex<Chunk<R>>>>,
+    pub(super) chunks: Vec<Vec<Mutex<Chunk<R>>>>,
     strides: Vec<usize>,
     places: Vec<Vec<Place>>,
-    workers: Vec<Worker<R>>,
+    pub(super) workers: Vec<Worker<R>>,
     column: Buffer<R>,
     arch: Arch,
 }
@@ -344,7 +344,27 @@ impl<R: Lane> State<R> {
         p: usize,
         work: impl Fn(&Env<R>, &mut Worker<R>, &mut Chunk<R>) + Sync,
     ) {
-        let env = Env {
+        let mut workers = std::mem::take(&mut self.workers);
+        let env = self.env(program, p);
+        let chunks = &self.chunks[p];
+        let next = AtomicUsize::new(0);
+        let drain = |worker: &mut Worker<R>| {
+            while let Some(chunk) = chunks.get(next.fetch_add(1, Ordering::Relaxed)) {
+                let mut chunk = chunk.lock().unwrap_or_else(PoisonError::into_inner);
+                work(&env, worker, &mut chunk);
+            }
+        };
+        if workers.len() == 1 || chunks.len() == 1 {
+            drain(&mut workers[0]);
+        } else {
+            workers.par_iter_mut().with_max_len(1).for_each(drain);
+        }
+        self.workers = workers;
+    }
+
+    /// What the blocks of a phase share.
+    pub(super) fn env<'a>(&'a self, program: &'a Program, p: usize) -> Env<'a, R> {
+        Env {
             program,
             phase: &program.phases[p],
             extent: &self.extent,
@@ -361,19 +381,6 @@ impl<R: Lane> State<R> {
             live: &self.live,
             seeded: &self.seeded,
             replay: &self.replay,
-        };
-        let chunks = &self.chunks[p];
-        let next = AtomicUsize::new(0);
-        let drain = |worker: &mut Worker<R>| {
-            while let Some(chunk) = chunks.get(next.fetch_add(1, Ordering::Relaxed)) {
-                let mut chunk = chunk.lock().unwrap_or_else(PoisonError::into_inner);
-                work(&env, worker, &mut chunk);
-            }
-        };
-        if self.workers.len() == 1 || chunks.len() == 1 {
-            drain(&mut self.workers[0]);
-        } else {
-            self.workers.par_iter_mut().with_max_len(1).for_each(drain);
         }
     }
 

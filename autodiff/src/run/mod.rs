@@ -10,6 +10,7 @@ mod corners;
 mod dense;
 mod driver;
 mod hessian;
+mod inspect;
 mod lane;
 mod linear;
 mod lookup;
@@ -26,6 +27,7 @@ mod tangent;
 mod value;
 mod workspace;
 
+pub use inspect::NonFinite;
 pub use memory::Memory;
 pub use modes::Engine;
 pub use sizes::Sizes;

@@ -1,6 +1,7 @@
 //! The ways to run a program: forward, reverse, tangent, and the Gauss-Newton product of both.
 
 use super::driver::State;
+use super::inspect::NonFinite;
 use super::lane::Lane;
 use super::sizes::{Extent, Sizes};
 use super::workspace::Workspace;
@@ -22,6 +23,9 @@ pub trait Engine: Lane {
     #[doc(hidden)]
     #[allow(private_interfaces)]
     fn reverse(state: &mut State<Self>, program: &Program);
+    #[doc(hidden)]
+    #[allow(private_interfaces)]
+    fn find_non_finite(state: &mut State<Self>, program: &Program) -> Option<NonFinite>;
 }
 
 macro_rules! engine {
@@ -36,6 +40,9 @@ macro_rules! engine {
             }
             fn reverse(state: &mut State<Self>, program: &Program) {
                 state.reverse(program)
+            }
+            fn find_non_finite(state: &mut State<Self>, program: &Program) -> Option<NonFinite> {
+                state.find_non_finite(program)
             }
         }
     };

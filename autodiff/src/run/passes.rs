@@ -119,7 +119,11 @@ fn seed<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes) {
     }
 }
 
-fn fill_constants<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, wanted: impl Fn(NodeId) -> bool) {
+pub(super) fn fill_constants<R: Lane>(
+    env: &Env<R>,
+    worker: &mut Worker<R>,
+    wanted: impl Fn(NodeId) -> bool,
+) {
     let lanes = Lanes {
         start: 0,
         len: env.stride,

@@ -31,7 +31,7 @@ impl Sizes {
             axes: Vec::new(),
             counts: Vec::new(),
             offsets: Vec::new(),
-            block: 512,
+            block: 1024,
             threads: None,
         }
     }
@@ -60,7 +60,7 @@ impl Sizes {
         self
     }
 
-    /// How many elements of a value are worked on at once (512): more than L1 holds is slower, few cost overhead. Results do
+    /// How many elements of a value are worked on at once (1024): more than L1 holds is slower, few cost overhead. Results do
     /// not depend on it.
     pub fn block(mut self, elements: usize) -> Self {
         self.block = elements;
