@@ -4,6 +4,7 @@ pub mod cutout;
 pub mod fast;
 pub mod least_squares;
 pub mod model;
+pub mod noise;
 pub mod patches;
 pub mod pyramid;
 pub mod shell;
