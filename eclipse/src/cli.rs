@@ -2,7 +2,9 @@
 
 mod arguments;
 mod evaluate;
+mod reconstruct;
 mod synthesize;
+mod units;
 
 use std::{
     ffi::OsString,
@@ -68,7 +70,8 @@ pub fn run(
     out: &mut dyn Write,
     err: &mut dyn Write,
 ) -> Outcome {
-    let arguments = match Arguments::try_parse_from(arguments) {
+    let typed: Vec<OsString> = arguments.into_iter().collect();
+    let arguments = match Arguments::try_parse_from(&typed) {
         Ok(arguments) => arguments,
         Err(error) => {
             let usage = error.use_stderr();
@@ -87,6 +90,7 @@ pub fn run(
         }
     };
     let result = match &arguments.command {
+        Command::Reconstruct(arguments) => reconstruct::run(arguments, &typed, out),
         Command::Evaluate(arguments) => evaluate::run(arguments, out),
         Command::Synthesize(arguments) => synthesize::run(arguments, out, err),
     };

@@ -2,7 +2,9 @@
 
 use clap::{Parser, Subcommand};
 
-use super::{evaluate::EvaluateArguments, synthesize::SynthesizeArguments};
+use super::{
+    evaluate::EvaluateArguments, reconstruct::ReconstructArguments, synthesize::SynthesizeArguments,
+};
 
 /// Recovers light, materials and unseen occluders from posed photographs of an object whose shape is known.
 #[derive(Parser, Debug)]
@@ -17,6 +19,8 @@ pub(super) struct Arguments {
 
 #[derive(Subcommand, Debug)]
 pub(super) enum Command {
+    /// Recovers an environment map, materials and an occluder per photograph from a capture.
+    Reconstruct(ReconstructArguments),
     /// Scores a reconstruction against a known truth.
     Evaluate(EvaluateArguments),
     /// Renders a capture, with its truth, from a mesh, a material, an environment and occluders.

@@ -1,0 +1,330 @@
+//! `eclipse reconstruct`.
+
+use std::{
+    ffi::OsString,
+    io::Write,
+    path::{Path, PathBuf},
+};
+
+use clap::{Args, ValueEnum};
+use serde_json::json;
+
+use super::{Failure, Outcome, print, stop_on_interrupt, units};
+use crate::{
+    capture::{Capture, LoadOptions},
+    checkpoint,
+    control::Control,
+    layout, output,
+    progress::ProgressDisplay,
+    reconstruct,
+    reconstruction::{Ended, Reconstruction},
+    report::ReportOptions,
+    settings::{OccluderPrior, Preset, Settings},
+};
+
+const RECONSTRUCT_EXAMPLES: &str = "Examples:
+  eclipse reconstruct tests/captures/potatoes
+  eclipse reconstruct my-capture --out out/first --time-limit 10m --hold-out 8
+  eclipse reconstruct my-capture --out out/first --time-limit 1h --resume
+
+A capture is a folder with transforms.json (Blender/NeRF or nerfstudio fields), the photographs it
+names (EXR, HDR, PNG, JPEG; alpha or masks) and a mesh (mesh.glb, .gltf, .obj or .ply).";
+
+#[derive(Args, Debug)]
+#[command(after_help = RECONSTRUCT_EXAMPLES)]
+pub(super) struct ReconstructArguments {
+    /// Folder with transforms.json, photographs and mesh.
+    pub capture: PathBuf,
+    /// Folder for the results [default: out/<name of the capture>].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Algorithm: the best known, or the paper's to the letter.
+    #[arg(long, value_enum, default_value_t = PresetName::Fast)]
+    pub preset: PresetName,
+    /// Time for the solve, such as 90s, 10m or 1h30m [default: 150s, or none with --iterations].
+    #[arg(long, value_name = "TIME", value_parser = units::duration)]
+    pub time_limit: Option<f64>,
+    /// Most iterations of the optimiser [default: the preset's].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub iterations: Option<u64>,
+    /// Do not model occluders.
+    #[arg(long)]
+    pub no_occluders: bool,
+    /// What is assumed about occluders: an upright person behind the camera, or nothing.
+    #[arg(long, value_enum, default_value_t = PriorName::Operator, conflicts_with = "no_occluders")]
+    pub occluder_prior: PriorName,
+    /// Purely diffuse materials.
+    #[arg(long)]
+    pub lambertian: bool,
+    /// Mesh to use in place of the capture's own.
+    #[arg(long, value_name = "FILE")]
+    pub mesh: Option<PathBuf>,
+    /// Seed of all random numbers.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// Threads; results do not depend on it [default: all].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Memory to stay within.
+    #[arg(long, value_name = "SIZE", default_value = "4GiB", value_parser = units::size)]
+    pub memory: u64,
+    /// Keep every K-th frame out of the fit of environment and materials, and judge by it.
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u64).range(2..))]
+    pub hold_out: Option<u64>,
+    /// Continue the run in --out from its checkpoint.
+    #[arg(long)]
+    pub resume: bool,
+    /// Print the metrics as JSON and nothing else.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs the command that was typed as `typed`.
+pub(super) fn run(
+    arguments: &ReconstructArguments,
+    typed: &[OsString],
+    out: &mut dyn Write,
+) -> Result<Outcome, Failure> {
+    let settings = arguments.settings();
+    let folder = arguments.out();
+    let resumed = arguments.resume.then(|| checkpoint::load(&folder));
+    let resumed = resumed.transpose().map_err(Failure::bad_input)?;
+    let options = LoadOptions {
+        mesh: settings.mesh.clone(),
+        ..Default::default()
+    };
+    let capture = Capture::load(&arguments.capture, &options).map_err(Failure::bad_input)?;
+    if let Some(checkpoint) = &resumed {
+        let fingerprint = checkpoint::fingerprint(&capture);
+        checkpoint
+            .check(&settings, fingerprint)
+            .map_err(Failure::bad_input)?;
+    }
+    output::prepare(&folder).map_err(Failure::failed)?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(settings.threads)
+        .build();
+    let pool = pool.map_err(|error| Failure::failed(format!("cannot start threads: {error}")))?;
+
+    let display = ProgressDisplay::new(&settings, arguments.json);
+    let control = Control {
+        stop: stop_on_interrupt()?,
+        progress: &|progress| display.update(progress),
+        checkpoint: &|checkpoint| checkpoint::save(&folder, checkpoint),
+        resume: resumed.as_ref(),
+    };
+    let solved = pool.install(|| reconstruct::run(&capture, &settings, &control));
+    display.finish();
+    let solved = solved.map_err(Failure::failed)?;
+    let report = ReportOptions::new(command(typed));
+    output::write(&folder, &capture, &solved, &report).map_err(Failure::failed)?;
+    print(out, &summary(&folder, &solved, arguments.json))?;
+    Ok(if solved.ended == Ended::Interrupted {
+        Outcome::Interrupted
+    } else {
+        Outcome::Done
+    })
+}
+
+/// What is printed at the end.
+fn summary(folder: &Path, solved: &Reconstruction, as_json: bool) -> String {
+    if as_json {
+        let summary = json!({
+            "out": folder,
+            "ended": solved.ended,
+            "metrics": solved.metrics,
+            "notes": solved.notes,
+        });
+        return format!("{summary:#}\n");
+    }
+    let mut text = String::new();
+    let photometric = solved.metrics.photometric;
+    let numbers = [
+        ("PSNR", photometric.psnr),
+        ("PSNR, held out", photometric.psnr_held_out),
+    ];
+    for (name, value) in numbers {
+        text += &value.map_or(String::new(), |value| format!("{name} {value:.2} dB\n"));
+    }
+    for note in &solved.notes {
+        text += &format!("note: {note}\n");
+    }
+    if solved.ended == Ended::Interrupted {
+        text += "interrupted; continue with --resume\n";
+    }
+    text + &format!("wrote {}\n", folder.join(layout::REPORT).display())
+}
+
+/// The command as a shell would take it, without `--resume`: a repeat starts afresh.
+fn command(typed: &[OsString]) -> String {
+    let words = typed.iter().skip(1).map(|word| word.to_string_lossy());
+    let words = words
+        .filter(|word| word != "--resume")
+        .map(|word| quoted(&word));
+    ["eclipse".to_owned()]
+        .into_iter()
+        .chain(words)
+        .collect::<Vec<_>>()
+        .join(" ")
+}
+
+fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,+@%".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', r"'\''"))
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(super) enum PresetName {
+    Fast,
+    Paper,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(super) enum PriorName {
+    Operator,
+    None,
+}
+
+impl ReconstructArguments {
+    /// The folder for the results: as asked, or `out/` and the capture's name.
+    pub(super) fn out(&self) -> PathBuf {
+        self.out.clone().unwrap_or_else(|| {
+            // `.` and `..` have no name of their own.
+            let named = self
+                .capture
+                .canonicalize()
+                .unwrap_or_else(|_| self.capture.clone());
+            PathBuf::from("out").join(named.file_name().unwrap_or("capture".as_ref()))
+        })
+    }
+
+    /// Every option with its value.
+    pub(super) fn settings(&self) -> Settings {
+        let default = Settings::default();
+        Settings {
+            preset: match self.preset {
+                PresetName::Fast => Preset::Fast,
+                PresetName::Paper => Preset::Paper,
+            },
+            time_limit: self.time_limit.or(if self.iterations.is_some() {
+                None
+            } else {
+                default.time_limit
+            }),
+            iterations: self.iterations,
+            seed: self.seed,
+            threads: self.threads.map_or(default.threads, usize::from),
+            memory: self.memory,
+            occluders: !self.no_occluders,
+            occluder_prior: match self.occluder_prior {
+                PriorName::Operator => OccluderPrior::Operator,
+                PriorName::None => OccluderPrior::None,
+            },
+            lambertian: self.lambertian,
+            hold_out: self.hold_out.map(|every| every as usize),
+            mesh: self.mesh.clone(),
+            ..default
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::{
+        super::arguments::{Arguments, Command},
+        *,
+    };
+
+    fn reconstruct(arguments: &str) -> Result<ReconstructArguments, clap::Error> {
+        let arguments = ["eclipse", "reconstruct"]
+            .into_iter()
+            .chain(arguments.split_whitespace());
+        match Arguments::try_parse_from(arguments)?.command {
+            Command::Reconstruct(arguments) => Ok(arguments),
+            _ => unreachable!("the subcommand was given"),
+        }
+    }
+
+    #[test]
+    fn plain_arguments_resolve_to_the_default_settings() {
+        let plain = reconstruct("some/capture").unwrap();
+        assert_eq!(plain.settings(), Settings::default());
+        assert_eq!(plain.out(), PathBuf::from("out/capture"));
+    }
+
+    #[test]
+    fn every_option_reaches_the_settings() {
+        let all = "c --out o --preset paper --time-limit 10m --iterations 7 --occluder-prior none --lambertian \
+                   --mesh m.obj --seed 3 --threads 2 --memory 1GiB --hold-out 8";
+        let expected = Settings {
+            preset: Preset::Paper,
+            time_limit: Some(600.0),
+            iterations: Some(7),
+            seed: 3,
+            threads: 2,
+            memory: 1 << 30,
+            occluder_prior: OccluderPrior::None,
+            lambertian: true,
+            hold_out: Some(8),
+            mesh: Some("m.obj".into()),
+            ..Settings::default()
+        };
+        assert_eq!(reconstruct(all).unwrap().settings(), expected);
+        assert!(
+            !reconstruct("c --no-occluders")
+                .unwrap()
+                .settings()
+                .occluders
+        );
+    }
+
+    #[test]
+    fn asking_for_iterations_lifts_the_time_limit() {
+        assert_eq!(
+            reconstruct("c --iterations 7")
+                .unwrap()
+                .settings()
+                .time_limit,
+            None
+        );
+    }
+
+    #[test]
+    fn nonsense_is_refused() {
+        for arguments in [
+            "",
+            "c --time-limit soon",
+            "c --memory much",
+            "c --hold-out 1",
+            "c --threads 0",
+            "c --iterations 0",
+            "c --no-occluders --occluder-prior none",
+            "c --preset best",
+        ] {
+            assert!(reconstruct(arguments).is_err(), "{arguments}");
+        }
+    }
+
+    #[test]
+    fn the_command_can_be_pasted_and_starts_afresh() {
+        let typed = [
+            "/usr/bin/eclipse",
+            "reconstruct",
+            "my captures/it's",
+            "--resume",
+            "--seed",
+            "3",
+        ];
+        let typed: Vec<OsString> = typed.into_iter().map(OsString::from).collect();
+        assert_eq!(
+            command(&typed),
+            r"eclipse reconstruct 'my captures/it'\''s' --seed 3"
+        );
+    }
+}

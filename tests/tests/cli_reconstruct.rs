@@ -1,0 +1,168 @@
+//! `eclipse reconstruct` as a user meets it: a short run, the same again, interrupted and resumed, bad input.
+
+use std::{
+    fs,
+    path::Path,
+    process::{Command, Output, Stdio},
+    time::Duration,
+};
+
+use eclipse_tests::perfect;
+
+fn eclipse(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_eclipse-under-test"));
+    command.arg("reconstruct").args(arguments);
+    command
+}
+
+fn run(arguments: &[&str]) -> Output {
+    eclipse(arguments).output().unwrap()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// Whether all images that two runs left are the same, byte for byte.
+fn assert_same_results(a: &Path, b: &Path) {
+    let mut compared = 0;
+    for folder in ["", "occluders", "materials", "renders"] {
+        for entry in fs::read_dir(a.join(folder)).unwrap() {
+            let name = entry.unwrap().file_name();
+            if Path::new(&name)
+                .extension()
+                .is_some_and(|extension| extension == "exr" || extension == "glb")
+            {
+                let read = |root: &Path| fs::read(root.join(folder).join(&name)).unwrap();
+                assert!(read(a) == read(b), "{folder}/{name:?} differs");
+                compared += 1;
+            }
+        }
+    }
+    assert!(compared > 24, "only {compared} files");
+}
+
+#[test]
+fn a_short_run_leaves_everything_and_threads_do_not_matter() {
+    let capture = perfect::bundled();
+    let folder = tempfile::tempdir().unwrap();
+    let (one, two) = (folder.path().join("one"), folder.path().join("two"));
+    let short = [
+        text(&capture),
+        "--lambertian",
+        "--iterations",
+        "2",
+        "--json",
+    ];
+    let output = run(&[&short[..], &["--threads", "1", "--out", text(&one)]].concat());
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(json["metrics"]["photometric"]["psnr"].is_number(), "{json}");
+    for name in [
+        "environment.exr",
+        "mesh.glb",
+        "metrics.json",
+        "settings.json",
+        "report.html",
+        "checkpoint.bin",
+    ] {
+        assert!(one.join(name).is_file(), "{name}");
+    }
+
+    let output = run(&[&short[..], &["--threads", "2", "--out", text(&two)]].concat());
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert_same_results(&one, &two);
+}
+
+#[test]
+fn a_resumed_run_ends_like_one_that_never_stopped() {
+    let capture = perfect::bundled();
+    let folder = tempfile::tempdir().unwrap();
+    let (whole, parts) = (folder.path().join("whole"), folder.path().join("parts"));
+    let arguments = [text(&capture), "--lambertian", "--json", "--out"];
+    let code = |out: &Path, more: &[&str]| {
+        let output = run(&[&arguments[..], &[text(out)], more].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    };
+    code(&whole, &["--iterations", "3"]);
+    code(&parts, &["--iterations", "1"]);
+    code(&parts, &["--iterations", "3", "--resume"]);
+    assert_same_results(&whole, &parts);
+}
+
+#[test]
+#[cfg(unix)]
+fn an_interrupt_saves_everything_and_exits_with_130() {
+    let capture = perfect::bundled();
+    let folder = tempfile::tempdir().unwrap();
+    let mut child = eclipse(&[
+        text(&capture),
+        "--lambertian",
+        "--time-limit",
+        "10m",
+        "--out",
+        text(folder.path()),
+    ])
+    .stdout(Stdio::null())
+    .stderr(Stdio::null())
+    .spawn()
+    .unwrap();
+    // The first checkpoint shows that the solve has begun.
+    let checkpoint = folder.path().join("checkpoint.bin");
+    for _ in 0..600 {
+        if checkpoint.is_file() {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    let killed = Command::new("kill")
+        .args(["-INT", &child.id().to_string()])
+        .status()
+        .unwrap();
+    assert!(killed.success());
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    for name in ["environment.exr", "report.html", "checkpoint.bin"] {
+        assert!(folder.path().join(name).is_file(), "{name}");
+    }
+}
+
+#[test]
+fn bad_input_exits_with_three_and_one_message() {
+    let folder = tempfile::tempdir().unwrap();
+    let missing = folder.path().join("missing");
+    let output = run(&[text(&missing), "--out", text(folder.path())]);
+    assert_eq!(output.status.code(), Some(3));
+    assert!(
+        stderr(&output).contains("transforms.json"),
+        "{}",
+        stderr(&output)
+    );
+    assert_eq!(stderr(&output).lines().count(), 1);
+
+    let capture = perfect::bundled();
+    let output = run(&[text(&capture), "--resume", "--out", text(folder.path())]);
+    assert_eq!(output.status.code(), Some(3));
+    assert!(
+        stderr(&output).contains("no checkpoint in"),
+        "{}",
+        stderr(&output)
+    );
+}
+
+#[test]
+fn a_place_that_cannot_be_written_is_noticed_before_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("file");
+    fs::write(&file, "").unwrap();
+    let output = run(&[text(&perfect::bundled()), "--out", text(&file.join("out"))]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        stderr(&output).contains("choose another folder with --out"),
+        "{}",
+        stderr(&output)
+    );
+}
