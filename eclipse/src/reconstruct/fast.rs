@@ -126,24 +126,66 @@ pub fn refine(from: &Shared, z: &[f32], to: &Shared) -> Vec<f32> {
     fine
 }
 
-/// Steps until the stage's limit, `on_step` told of each.
+/// Where a stage begins, or goes on.
+#[derive(Clone, Debug)]
+pub struct Start {
+    /// Parameters in units of their priors.
+    pub z: Vec<f32>,
+    /// The damping of the next step.
+    pub damping: f32,
+    /// Steps of the stage already done.
+    pub step: usize,
+}
+
+impl From<Vec<f32>> for Start {
+    fn from(z: Vec<f32>) -> Self {
+        Self {
+            z,
+            damping: 10.0,
+            step: 0,
+        }
+    }
+}
+
+/// Where a stage stands after a step.
+pub struct Step<'a> {
+    /// Number of the step, from 0.
+    pub step: usize,
+    /// The linearisation.
+    pub at: &'a At<'a>,
+    /// Parameters.
+    pub z: &'a [f32],
+    /// Albedo, `[channel][patch]`.
+    pub albedo: &'a [f32],
+    /// What is minimised.
+    pub cost: f64,
+    /// The damping of the next step: with `z`, all that a continuation needs.
+    pub damping: f32,
+    /// Seconds since the stage began.
+    pub seconds: f64,
+}
+
+/// Steps until the stage's limit or until `on_step`, told of each, returns false.
 pub fn solve(
     shared: &Shared,
     stage: &Stage,
-    start: Vec<f32>,
-    on_step: &mut dyn FnMut(usize, &At<'_>, &[f32], &[f32], f64, f64) -> bool,
+    start: Start,
+    on_step: &mut dyn FnMut(&Step<'_>) -> bool,
 ) -> Result<Solution, autodiff::RunError> {
     let options = StepOptions {
         products: stage.products,
         tolerance: 1e-6,
         albedo_precision: shared.albedo_precision,
     };
-    let mut z = start;
+    let Start {
+        mut z,
+        mut damping,
+        step: first,
+    } = start;
     let (mut at, mut albedo) = shared.linearise(&z)?;
     let mut cost = least_squares::cost(at.residual(), &z, &albedo, shared.albedo_precision);
-    let mut damping = 10.0f32;
     let began = Instant::now();
-    for step in 0..stage.steps {
+    for step in first..stage.steps {
         let proposal = least_squares::step(&mut at, &z, albedo.len(), damping, &options);
         let share = (LARGEST_CHANGE / shared.largest_change(&proposal.delta)).min(1.0);
         let candidate: Vec<f32> = z
@@ -169,7 +211,16 @@ pub fn solve(
         } else {
             damping *= 5.0;
         }
-        if !on_step(step, &at, &z, &albedo, cost, began.elapsed().as_secs_f64()) {
+        let go_on = on_step(&Step {
+            step,
+            at: &at,
+            z: &z,
+            albedo: &albedo,
+            cost,
+            damping,
+            seconds: began.elapsed().as_secs_f64(),
+        });
+        if !go_on {
             break;
         }
     }

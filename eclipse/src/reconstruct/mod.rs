@@ -2,11 +2,17 @@
 
 pub mod cutout;
 pub mod fast;
+pub mod finish;
 pub mod least_squares;
 pub mod model;
 pub mod noise;
 pub mod patches;
 pub mod pyramid;
+pub mod run;
+pub mod shading;
 pub mod shell;
+pub mod sites;
 pub mod sky;
 pub mod transport;
+
+pub use run::{ReconstructError, run};

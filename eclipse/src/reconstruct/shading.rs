@@ -1,0 +1,253 @@
+//! How light, occluders and reflectance shade the sites in each frame, and the albedo that explains the photographs then.
+
+use std::f32::consts::FRAC_1_PI;
+
+use glam::Vec3;
+use rayon::prelude::*;
+use render::{
+    bsdf::{Cosines, microfacet},
+    bvh::{Bvh, SurfacePoint},
+    image::Image,
+    lat_long::LatLong,
+    transport::Quadrature,
+};
+
+use super::shell::Shell;
+
+/// Unseen occluders, as plain numbers.
+#[derive(Clone, Debug)]
+pub struct Masks {
+    /// The masks' grid.
+    pub grid: LatLong,
+    /// The surface they are painted on.
+    pub shell: Shell,
+    /// How many frames.
+    pub frames: usize,
+    /// Transmittance, `[texel][frame]`.
+    pub share: Vec<f32>,
+}
+
+impl Masks {
+    /// The share of light that reaches `point` from the unit `direction`, for each of `frames`.
+    fn lookup(&self, point: Vec3, direction: Vec3, frames: &[u32], share: &mut [f32]) {
+        let around = self.shell.lookup(self.grid, point, direction);
+        share.fill(0.0);
+        for (&texel, &weight) in around.index.iter().zip(&around.weight) {
+            let of_texel = &self.share[texel as usize * self.frames..][..self.frames];
+            for (share, &frame) in share.iter_mut().zip(frames) {
+                *share += weight * of_texel[frame as usize];
+            }
+        }
+    }
+
+    /// What is seen of them from the origin: a map of `rows` × 2·`rows` a frame.
+    pub fn images(&self, rows: usize) -> Vec<Image> {
+        let to = LatLong::new(rows, 2 * rows);
+        let all: Vec<u32> = (0..self.frames as u32).collect();
+        let mut images = vec![Image::filled(to.columns, to.rows, 1, 1.0); self.frames];
+        let mut share = vec![1.0; self.frames];
+        for texel in 0..to.len() {
+            let direction = to.texel_direction(texel / to.columns, texel % to.columns);
+            self.lookup(Vec3::ZERO, direction, &all, &mut share);
+            for (image, &share) in images.iter_mut().zip(&share) {
+                image.data[texel] = share;
+            }
+        }
+        images
+    }
+}
+
+/// Parameters of the specular lobe, the same all over the object.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lobe {
+    /// Its width α.
+    pub alpha: f32,
+    /// Reflectance at normal incidence κ.
+    pub kappa: f32,
+}
+
+/// What lights the object.
+pub struct Scene<'a> {
+    /// The object.
+    pub bvh: &'a Bvh,
+    /// Quadrature on the grid of light.
+    pub quadrature: &'a Quadrature,
+    /// Radiance, `[texel][channel]`.
+    pub radiance: &'a [f32],
+    /// Occluders, if modelled.
+    pub occluders: Option<&'a Masks>,
+    /// Specular reflection; `None` for Lambertian surfaces.
+    pub lobe: Option<Lobe>,
+    /// Camera centres.
+    pub eyes: &'a [Vec3],
+}
+
+/// Radiance of a site towards a camera: `albedo · diffuse + specular`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Shade {
+    /// The frame.
+    pub frame: u32,
+    /// Radiance of an albedo of one.
+    pub diffuse: [f32; 3],
+    /// What is added whatever the albedo.
+    pub specular: [f32; 3],
+}
+
+impl Scene<'_> {
+    /// The shades of sites, each given by places on it, in the frames that are asked for.
+    pub fn shades(&self, places: &[&[SurfacePoint]], frames: &[Vec<u32>]) -> Vec<Vec<Shade>> {
+        places
+            .par_iter()
+            .zip(frames)
+            .map(|(places, frames)| self.shade(places, frames))
+            .collect()
+    }
+
+    fn shade(&self, places: &[SurfacePoint], frames: &[u32]) -> Vec<Shade> {
+        let grid = self.quadrature.grid();
+        let mut shades: Vec<Shade> = frames
+            .iter()
+            .map(|&frame| Shade {
+                frame,
+                ..Shade::default()
+            })
+            .collect();
+        let mut share = vec![1.0; frames.len()];
+        let part = 1.0 / places.len() as f32;
+        for place in places {
+            let outgoing: Vec<Vec3> = frames
+                .iter()
+                .map(|&t| (self.eyes[t as usize] - place.position).normalize())
+                .collect();
+            let row = self.quadrature.row(self.bvh, place);
+            for (&texel, &weight) in row.texel.iter().zip(&row.weight) {
+                let texel = usize::from(texel);
+                let direction = grid.texel_direction(texel / grid.columns, texel % grid.columns);
+                if let Some(occluders) = self.occluders {
+                    occluders.lookup(place.position, direction, frames, &mut share);
+                }
+                let light: [f32; 3] =
+                    std::array::from_fn(|c| part * weight * self.radiance[3 * texel + c]);
+                for ((shade, &share), &outgoing) in shades.iter_mut().zip(&share).zip(&outgoing) {
+                    let (diffuse, specular) = self.reflect(place.normal, direction, outgoing);
+                    for c in 0..3 {
+                        shade.diffuse[c] += share * light[c] * diffuse;
+                        shade.specular[c] += share * light[c] * specular;
+                    }
+                }
+            }
+        }
+        shades
+    }
+
+    /// Reflectance (1/sr) of an albedo of one, and of the specular lobe.
+    #[inline]
+    fn reflect(&self, normal: Vec3, incident: Vec3, outgoing: Vec3) -> (f32, f32) {
+        let Some(lobe) = self.lobe else {
+            return (FRAC_1_PI, 0.0);
+        };
+        // Interpolated normals can tilt away from the camera at the silhouette: there the surface is as if just seen.
+        let tilt = (0.02 - normal.dot(outgoing)).max(0.0);
+        match Cosines::new(normal, incident, (outgoing + tilt * normal).normalize()) {
+            Some(cosines) => {
+                let (factor, specular) = microfacet(cosines, lobe.alpha, lobe.kappa);
+                (FRAC_1_PI * factor, specular)
+            }
+            None => (0.0, 0.0),
+        }
+    }
+}
+
+/// What a photograph says about a site: its frame, value and one over the value's variance.
+#[derive(Clone, Copy, Debug)]
+pub struct Sample {
+    /// The frame.
+    pub frame: u32,
+    /// Linear RGB.
+    pub value: [f32; 3],
+    /// Weights.
+    pub weight: [f32; 3],
+}
+
+/// The albedo of a site that explains its samples best, and Σ w·B², how sure that is, by channel.
+///
+/// Robust: samples far from the rest (a shadow's edge out of place) count less, by Huber's weights. The albedo is weakly
+/// tied to ½ ± ¼ and does not fall below zero.
+pub fn albedo(samples: &[Sample], shades: &[Shade]) -> ([f32; 3], [f32; 3]) {
+    const TIE: f64 = 16.0;
+    let shade_of = |frame: u32| {
+        shades
+            .binary_search_by_key(&frame, |s| s.frame)
+            .map(|i| shades[i])
+            .unwrap_or_default()
+    };
+    let mut best = [0.5; 3];
+    let mut sure = [0.0; 3];
+    for c in 0..3 {
+        let rows: Vec<(f64, f64, f64)> = samples
+            .iter()
+            .map(|s| {
+                let shade = shade_of(s.frame);
+                let value = f64::from(s.value[c] - shade.specular[c]);
+                (value, f64::from(shade.diffuse[c]), f64::from(s.weight[c]))
+            })
+            .collect();
+        let mut trust = vec![1.0; rows.len()];
+        for _ in 0..4 {
+            let (mut top, mut bottom) = (0.5 * TIE, TIE);
+            for ((value, light, weight), trust) in rows.iter().zip(&trust) {
+                top += trust * weight * light * value;
+                bottom += trust * weight * light * light;
+            }
+            let a = (top / bottom).max(0.0);
+            best[c] = a as f32;
+            sure[c] = (bottom - TIE) as f32;
+            let off: Vec<f64> = rows
+                .iter()
+                .map(|(value, light, weight)| (value - a * light).abs() * weight.sqrt())
+                .collect();
+            let mut sorted = off.clone();
+            sorted.sort_unstable_by(f64::total_cmp);
+            let typical = sorted.get(sorted.len() / 2).map_or(1.0, |m| m.max(1.0));
+            trust
+                .iter_mut()
+                .zip(&off)
+                .for_each(|(trust, off)| *trust = (2.0 * typical / off.max(1e-12)).min(1.0));
+        }
+    }
+    (best, sure)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_planted_albedo_is_found_despite_a_shadow_out_of_place() {
+        let truth = [0.2f32, 0.5, 0.8];
+        let shades: Vec<Shade> = (0..12)
+            .map(|t| Shade {
+                frame: 2 * t,
+                diffuse: [0.5 + 0.05 * t as f32; 3],
+                specular: [0.03; 3],
+            })
+            .collect();
+        let samples: Vec<Sample> = shades
+            .iter()
+            .map(|s| Sample {
+                frame: s.frame,
+                value: std::array::from_fn(|c| {
+                    let lit = truth[c] * s.diffuse[c] + s.specular[c];
+                    if s.frame == 6 { 0.3 * lit } else { lit }
+                }),
+                weight: [1e5; 3],
+            })
+            .collect();
+        let (found, sure) = albedo(&samples, &shades);
+        for c in 0..3 {
+            assert!((found[c] - truth[c]).abs() < 0.01, "{found:?}");
+            assert!(sure[c] > 1e5);
+        }
+        assert_eq!(albedo(&[], &shades), ([0.5; 3], [0.0; 3]));
+    }
+}
