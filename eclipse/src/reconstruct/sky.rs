@@ -47,6 +47,7 @@ pub struct CutoutModel {
 pub struct HarmonicModel {
     frames: usize,
     coefficients: usize,
+    harmonics: Harmonics<f32>,
     deviation: Vec<f32>,
     program: Program,
 }
@@ -84,7 +85,8 @@ impl SkyModel {
     /// # Errors
     /// As [`cutout`](Self::cutout).
     pub fn harmonics(degree: usize, grid: LatLong, frames: usize) -> Result<Self, GraphError> {
-        let coefficients = Harmonics::<f32>::new(degree, grid).coefficients();
+        let harmonics = Harmonics::new(degree, grid);
+        let coefficients = harmonics.coefficients();
         let deviation = (0..=degree)
             .flat_map(|l| std::iter::repeat_n(5.0 / (1.0 + (l as f32 / 4.0).powi(2)), 2 * l + 1))
             .collect();
@@ -92,6 +94,7 @@ impl SkyModel {
         Ok(Self::Harmonics(Box::new(HarmonicModel {
             frames,
             coefficients,
+            harmonics,
             deviation,
             program,
         })))
@@ -183,15 +186,14 @@ impl SkyModel {
         }
     }
 
-    /// The largest change of a logit of the silhouette along `v`; 0 for other models.
+    /// The largest change of a logit along `v`.
     pub fn largest_change(&self, v: &[f32]) -> f32 {
-        let Self::Cutout(model) = self else {
-            return 0.0;
+        let logits = match self {
+            Self::Clear => return 0.0,
+            Self::Cutout(model) => model.logits(&v[..model.pyramid.len()]),
+            Self::Harmonics(model) => model.logits(v),
         };
-        model
-            .logits(&v[..model.pyramid.len()])
-            .iter()
-            .fold(0.0, |m, x| m.max(x.abs()))
+        logits.iter().fold(0.0, |m, x| m.max(x.abs()))
     }
 }
 
@@ -261,6 +263,18 @@ impl CutoutModel {
 }
 
 impl HarmonicModel {
+    /// The logits that `z` adds, `[texel][frame]`.
+    fn logits(&self, z: &[f32]) -> Vec<f32> {
+        let scaled: Vec<f32> = z
+            .chunks_exact(self.frames)
+            .zip(&self.deviation)
+            .flat_map(|(z, sd)| z.iter().map(move |z| z * sd))
+            .collect();
+        let mut logits = vec![0.0; self.harmonics.grid().len() * self.frames];
+        self.harmonics.synthesize(&scaled, &mut logits, self.frames);
+        logits
+    }
+
     fn at(&self, grid: LatLong, z: &[f32]) -> Result<SkyAt, RunError> {
         let sizes = Sizes::new()
             .lanes("coefficient", self.coefficients)
