@@ -1,11 +1,13 @@
 //! From a capture to light, materials and occluders.
 
+pub mod adam;
 pub mod cutout;
 pub mod fast;
 pub mod finish;
 pub mod least_squares;
 pub mod model;
 pub mod noise;
+pub mod paper;
 pub mod patches;
 pub mod pyramid;
 pub mod run;

@@ -1,0 +1,179 @@
+//! Starting from the outcome of another solver instead of from nothing.
+
+use autodiff::RunError;
+use glam::Vec3;
+use render::{
+    bsdf::Material, estimator::Unknowns, harmonics::Harmonics, image::Image, lat_long::LatLong,
+    pyramid::Pyramid,
+};
+
+use super::materials::MaterialEvaluator;
+
+/// Radiance below this share of the mean starts there: the logarithm of a black texel would be −∞, and Adam at the paper's
+/// rate would not come back from far down.
+const DARKEST: f32 = 1e-3;
+/// Transmittances start this far from 0 and 1: further out the sigmoid has no gradient left.
+const CLEAR: f32 = 0.9933;
+const BLOCKED: f32 = 0.02;
+/// Corrections of the projection onto harmonics, each by the residual of the last.
+const CORRECTIONS: usize = 8;
+
+/// What is known before the first iteration; what is empty starts as in the paper.
+#[derive(Clone, Debug, Default)]
+pub struct Start {
+    /// Linear radiance on the environment's grid.
+    pub environment: Option<Image>,
+    /// Transmittance on the masks' grid, one channel, for every frame; or none.
+    pub masks: Vec<Image>,
+    /// Materials at places of the surface.
+    pub materials: Vec<(Vec3, Material)>,
+}
+
+impl Start {
+    /// Writes what is known into `unknowns`. Images of another size are left out.
+    ///
+    /// # Errors
+    /// When memory does not suffice to fit the network.
+    pub fn apply(
+        &self,
+        unknowns: &mut Unknowns,
+        pyramid: &Pyramid,
+        degree: usize,
+        evaluator: &MaterialEvaluator,
+        seed: u64,
+    ) -> Result<(), RunError> {
+        let grid = pyramid.finest();
+        let fits = |image: &Image, channels: usize| {
+            [image.height, image.width, image.channels] == [grid.rows, grid.columns, channels]
+        };
+        if let Some(image) = self.environment.as_ref().filter(|image| fits(image, 3)) {
+            log_radiance(image, pyramid, &mut unknowns.environment);
+        }
+        let frames = unknowns.occluders.len() / (degree + 1).pow(2);
+        if frames > 0 && self.masks.len() == frames && self.masks.iter().all(|m| fits(m, 1)) {
+            unknowns.occluders = logits(&self.masks, grid, degree);
+        }
+        evaluator.fit(&mut unknowns.network, &self.materials, seed)
+    }
+}
+
+/// Puts the logarithm on the finest level alone: how levels share it makes no difference to Adam, whose steps follow from
+/// the gradient with respect to the sum.
+fn log_radiance(image: &Image, pyramid: &Pyramid, levels: &mut [f32]) {
+    let mean = image.data.iter().sum::<f32>() / image.data.len() as f32;
+    let floor = (DARKEST * mean).max(f32::MIN_POSITIVE);
+    let finest = pyramid.levels().len() - 1;
+    let weight = (1u32 << finest) as f32;
+    for (c, channel) in levels.chunks_exact_mut(pyramid.len()).enumerate() {
+        channel.fill(0.0);
+        let texels = image.data.iter().skip(c).step_by(3);
+        for (value, &radiance) in channel[pyramid.range(finest)].iter_mut().zip(texels) {
+            *value = radiance.max(floor).ln() / weight;
+        }
+    }
+}
+
+/// Harmonics of the masks' logits, `[coefficient][frame]`: least squares over the sphere, by projection and corrections.
+fn logits(masks: &[Image], grid: LatLong, degree: usize) -> Vec<f32> {
+    let frames = masks.len();
+    let harmonics = Harmonics::<f32>::new(degree, grid);
+    let mut target = vec![0.0; grid.len() * frames];
+    for (t, mask) in masks.iter().enumerate() {
+        for (texel, &m) in mask.data.iter().enumerate() {
+            let m = m.clamp(BLOCKED, CLEAR);
+            target[texel * frames + t] = (m / (1.0 - m)).ln();
+        }
+    }
+    let mut coefficients = vec![0.0; harmonics.coefficients() * frames];
+    let mut values = vec![0.0; target.len()];
+    let mut correction = coefficients.clone();
+    for _ in 0..=CORRECTIONS {
+        harmonics.synthesize(&coefficients, &mut values, frames);
+        for (i, (value, target)) in values.iter_mut().zip(&target).enumerate() {
+            *value = (target - *value) * grid.solid_angle(i / frames / grid.columns);
+        }
+        harmonics.transpose(&values, &mut correction, frames);
+        coefficients
+            .iter_mut()
+            .zip(&correction)
+            .for_each(|(a, b)| *a += b);
+    }
+    coefficients
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use render::estimator::EstimatorOptions;
+    use render::{bsdf::Model, loss::LossForm, path::Lookup};
+
+    #[test]
+    fn light_masks_and_materials_are_taken_over() {
+        let grid = LatLong::new(16, 32);
+        let pyramid = Pyramid::new(grid, 3);
+        let degree = 7;
+        let options = EstimatorOptions {
+            model: Model::Microfacet,
+            pyramid: pyramid.clone(),
+            mask_grid: grid,
+            degree,
+            frames: 2,
+            lookup: Lookup::Stochastic,
+            form: LossForm::HalfBackward,
+        };
+        let mut unknowns = options.start(5.0, 1, 1.0);
+        let mut environment = Image::filled(32, 16, 3, 0.0);
+        let wave = |i: usize| 1.0 + 0.9 * (0.1 * i as f32).sin();
+        environment
+            .data
+            .iter_mut()
+            .enumerate()
+            .for_each(|(i, v)| *v = wave(i));
+        // Smooth masks, within what the harmonics can express.
+        let mask = |t: usize| {
+            let mut mask = Image::filled(32, 16, 1, 0.0);
+            for r in 0..16 {
+                for c in 0..32 {
+                    let d = grid.texel_direction(r, c);
+                    let x = 1.5 + d.x * (1.0 + t as f32) - d.z * d.y;
+                    mask.data[r * 32 + c] = 1.0 / (1.0 + (-x).exp());
+                }
+            }
+            mask
+        };
+        let masks = vec![mask(0), mask(1)];
+        let material = |x: f32| Material {
+            albedo: [0.2 + 0.1 * x, 0.7, 0.4],
+            alpha: 0.3,
+            kappa: 0.04,
+        };
+        let start = Start {
+            environment: Some(environment.clone()),
+            masks: masks.clone(),
+            materials: (0..64)
+                .map(|i| i as f32 / 32.0 - 1.0)
+                .map(|x| (Vec3::new(x, 0.0, 0.0), material(x)))
+                .collect(),
+        };
+        let evaluator = MaterialEvaluator::new().unwrap();
+        start
+            .apply(&mut unknowns, &pyramid, degree, &evaluator, 3)
+            .unwrap();
+
+        let found = crate::reconstruct::paper::radiance(&unknowns.environment, &pyramid);
+        for (a, b) in found.data.iter().zip(&environment.data) {
+            assert!((a / b - 1.0).abs() < 1e-4);
+        }
+        let found = crate::reconstruct::paper::transmittance(&unknowns.occluders, grid, degree);
+        for (a, b) in found.iter().zip(&masks) {
+            for (a, b) in a.data.iter().zip(&b.data) {
+                assert!((a - b).abs() < 0.01, "{a} for {b}");
+            }
+        }
+        let m = unknowns.network.evaluate(Vec3::new(0.5, 0.0, 0.0));
+        assert!(
+            (m.albedo[0] - 0.25).abs() < 0.05 && (m.alpha - 0.3).abs() < 0.05,
+            "{m:?}"
+        );
+    }
+}

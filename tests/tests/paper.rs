@@ -1,0 +1,224 @@
+//! The `paper` preset: its optimiser, that it learns, and that neither threads nor interruptions change a bit of it.
+
+use std::sync::{
+    Mutex,
+    atomic::{AtomicBool, Ordering},
+};
+
+use eclipse::{
+    capture::{Capture, Frame},
+    checkpoint::{Checkpoint, decode, encode},
+    control::{Control, Progress},
+    reconstruct::{
+        adam::Adam,
+        paper::{PaperError, PaperSolution, solve},
+    },
+    reconstruction::Ended,
+    settings::{Preset, Settings},
+};
+use eclipse_tests::scenes;
+use glam::Vec3;
+use render::{
+    bsdf::{Material, Model},
+    bvh::Bvh,
+    camera::Camera,
+    image::Image,
+    lat_long::LatLong,
+    path::{PathBatch, PathScene, ShadingPoint},
+    visibility::Visibility,
+};
+
+const GRID: LatLong = LatLong::new(8, 16);
+const SIDE: usize = 20;
+
+#[test]
+fn adam_follows_a_hand_calculation() {
+    let mut adam = Adam::new(2);
+    let mut x = [1.0, 3.0];
+    // The first step goes by the rate along the sign of the gradient; nothing moves what has none.
+    adam.step(&mut x, &[0.5, 0.0], 0.1, 1);
+    assert!((x[0] - 0.9).abs() < 1e-6);
+    assert_eq!(x[1], 3.0);
+    // m = 0.9·0.05 − 0.1 = −0.055, v = 0.999·0.00025 + 0.001 = 0.00124975; corrected by 0.19 and 0.001999.
+    adam.step(&mut x, &[-1.0, 0.0], 0.1, 2);
+    let expected = 0.9 + 0.1 * (0.055 / 0.19) / f64::sqrt(0.001_249_75 / 0.001_999);
+    assert!((f64::from(x[0]) - expected).abs() < 1e-6, "{}", x[0]);
+    assert_eq!(x[1], 3.0);
+}
+
+#[test]
+fn the_loss_of_a_small_capture_falls() {
+    let (capture, bvh) = capture();
+    let solution = run(&capture, &bvh, &settings(60), &Control::detached()).unwrap();
+    let (first, last) = (solution.curve[0], solution.curve[solution.curve.len() - 1]);
+    assert_eq!((first.iteration, last.iteration), (1, 60));
+    assert!(
+        last.loss < 0.25 * first.loss,
+        "{} after {}",
+        last.loss,
+        first.loss
+    );
+    assert_eq!(solution.ended, Ended::Iterations);
+    assert_eq!(solution.masks.len(), capture.frames.len());
+    let found = solution.materials(&[Vec3::X, Vec3::Y]).unwrap();
+    let expected = solution.network.evaluate(Vec3::Y);
+    assert!((found[1].albedo[2] - expected.albedo[2]).abs() < 1e-5);
+    assert!((found[1].alpha - expected.alpha).abs() < 1e-5);
+}
+
+#[test]
+fn threads_and_interruptions_do_not_change_a_bit() {
+    let (capture, bvh) = capture();
+    let settings = settings(7);
+    let pool = |threads: usize| {
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .expect("threads can be started")
+    };
+    let whole = pool(1)
+        .install(|| run(&capture, &bvh, &settings, &Control::detached()))
+        .unwrap();
+
+    let (stop, saved) = (AtomicBool::new(false), Mutex::new(Vec::new()));
+    let stop_at_three = |progress: &Progress| {
+        stop.fetch_or(progress.iteration == 3, Ordering::Relaxed);
+    };
+    let save = |checkpoint: &Checkpoint| {
+        *saved.lock().unwrap() = encode(checkpoint);
+        Ok(())
+    };
+    let interrupted = Control {
+        stop: &stop,
+        progress: &stop_at_three,
+        checkpoint: &save,
+        resume: None,
+    };
+    let part = pool(2)
+        .install(|| run(&capture, &bvh, &settings, &interrupted))
+        .unwrap();
+    assert_eq!((part.ended, part.iterations), (Ended::Interrupted, 3));
+    let checkpoint = decode(&saved.lock().unwrap()).unwrap();
+    assert_eq!(checkpoint.iteration, 3);
+    let resumed = Control {
+        resume: Some(&checkpoint),
+        ..Control::detached()
+    };
+    let rest = pool(2)
+        .install(|| run(&capture, &bvh, &settings, &resumed))
+        .unwrap();
+
+    assert_ne!(part.network, whole.network);
+    assert_eq!(rest.iterations, 7);
+    assert_eq!(rest.environment, whole.environment);
+    assert_eq!(rest.masks, whole.masks);
+    assert_eq!(rest.network, whole.network);
+    assert!(
+        rest.masks[0]
+            .data
+            .iter()
+            .any(|&m| m != rest.masks[0].data[0])
+    );
+}
+
+#[test]
+fn a_capture_without_a_pixel_to_fit_is_refused() {
+    let (capture, bvh) = capture();
+    let nothing = |_: usize, _: u32| false;
+    let solved = solve(
+        &capture,
+        &bvh,
+        &settings(1),
+        &nothing,
+        None,
+        &Control::detached(),
+    );
+    assert!(matches!(solved.err(), Some(PaperError::NoPixels)));
+}
+
+fn run(
+    capture: &Capture,
+    bvh: &Bvh,
+    settings: &Settings,
+    control: &Control<'_>,
+) -> Result<PaperSolution, PaperError> {
+    solve(capture, bvh, settings, &|_, _| true, None, control)
+}
+
+fn settings(iterations: u64) -> Settings {
+    Settings {
+        preset: Preset::Paper,
+        time_limit: None,
+        iterations: Some(iterations),
+        grid_rows: GRID.rows,
+        harmonic_degree: 3,
+        // As small a batch as there is.
+        memory: 1 << 20,
+        ..Settings::default()
+    }
+}
+
+/// Three photographs of two spheres in a room, without occluders.
+fn capture() -> (Capture, Bvh) {
+    let bvh = scenes::pair();
+    let environment = scenes::interior(GRID);
+    let material = Material {
+        albedo: [0.7, 0.4, 0.2],
+        alpha: 0.4,
+        kappa: 0.05,
+    };
+    let open = vec![1.0; GRID.len()];
+    let frames = (0..3).map(|t| {
+        let azimuth = 2.1 * t as f32;
+        let eye = 3.0 * Vec3::new(azimuth.cos(), azimuth.sin(), 0.5);
+        let camera = Camera::look_at(SIDE, SIDE, 0.6, eye, Vec3::ZERO);
+        let mask = Image {
+            width: SIDE,
+            height: SIDE,
+            channels: 1,
+            data: bvh.coverage(&camera, 3),
+        };
+        let mut image = Image::filled(SIDE, SIDE, 3, 0.0);
+        let radii = [camera.distance()];
+        let scene = PathScene {
+            bvh: &bvh,
+            visibility: Visibility::Rays,
+            model: Model::Microfacet,
+            lights: environment.distribution(),
+            environment_grid: GRID,
+            mask_grid: GRID,
+            radii: &radii,
+        };
+        for p in 0..SIDE * SIDE {
+            let (x, y) = ((p % SIDE) as f32 + 0.5, (p / SIDE) as f32 + 0.5);
+            if let Some((surface, outgoing)) = bvh.seen(&camera, x, y) {
+                let point = ShadingPoint {
+                    surface,
+                    outgoing,
+                    frame: 0,
+                    pixel: p as u32,
+                    cached: 0,
+                    alpha: material.alpha,
+                };
+                let batch = PathBatch::quadrature(&scene, &[point], 2);
+                let data = &environment.image().data;
+                let value = batch.radiance(0, Model::Microfacet, &material, data, &open);
+                let value = value.map(|v| v as f32);
+                image.pixel_mut(p % SIDE, p / SIDE).copy_from_slice(&value);
+            }
+        }
+        Frame {
+            name: format!("{t:03}"),
+            camera,
+            image,
+            mask,
+        }
+    });
+    let capture = Capture {
+        path: "pair".into(),
+        frames: frames.collect(),
+        mesh: bvh.mesh().clone(),
+        centre: Vec3::ZERO,
+    };
+    (capture, bvh)
+}
