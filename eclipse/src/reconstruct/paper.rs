@@ -6,6 +6,8 @@
 //! as small as the time asks for ([`plan`]).
 
 pub mod batch;
+pub mod export;
+pub mod finish;
 pub mod materials;
 pub mod plan;
 pub mod start;
@@ -151,7 +153,7 @@ pub fn solve(
             break Ended::Iterations;
         }
         let at = seconds();
-        if settings.time_limit.is_some_and(|limit| at >= limit) {
+        if plan::seconds(settings).is_some_and(|limit| at >= limit) {
             break Ended::TimeLimit;
         }
         let samples = problem.iterate(&mut state, at)?;
@@ -263,8 +265,7 @@ impl<'a> Problem<'a> {
         );
         let photographs = batch::photographs(&self.capture.frames, &pixels);
         let light = radiance(&state.unknowns.environment, &self.options.pyramid);
-        let brightness: Vec<f32> = light.data.chunks_exact(3).map(|p| p.iter().sum()).collect();
-        let lights = LightDistribution::new(self.options.mask_grid, &brightness);
+        let lights = LightDistribution::new(self.options.mask_grid, &brightness(&light));
         let first = self.render(state, &lights, &pixels, 0)?;
         let second = self.render(state, &lights, &pixels, 1)?;
         let samples = [&first, &second].map(|render| RenderSample {
@@ -366,6 +367,15 @@ pub fn radiance(levels: &[f32], pyramid: &Pyramid) -> Image {
             .for_each(|(out, v)| *out = v.min(80.0).exp());
     }
     image
+}
+
+/// What light samples follow: the sum of the channels of each texel.
+fn brightness(environment: &Image) -> Vec<f32> {
+    environment
+        .data
+        .chunks_exact(3)
+        .map(|p| p.iter().sum())
+        .collect()
 }
 
 /// The masks of harmonic coefficients `[coefficient][frame]` (Eq. 6), an image a frame.

@@ -11,7 +11,7 @@ use render::{
 use crate::capture::Frame;
 
 /// Share of a pixel that must show the object for the model, which has no background, to explain it.
-const COVERED: f32 = 0.999;
+pub const COVERED: f32 = 0.999;
 /// Points seen flatter than this (cosine) are where the mesh's normals and its shape disagree most.
 const FLATTEST: f32 = 0.02;
 /// Dimensions of [`SampleKey`] beyond those of the paths.

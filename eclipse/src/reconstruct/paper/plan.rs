@@ -19,6 +19,8 @@ const USUAL_PIXELS: u64 = 2048;
 const SAMPLES_PER_SECOND: f64 = 1.5e6;
 /// Iterations that a time limit should allow for.
 const WANTED_ITERATIONS: f64 = 2500.0;
+/// Share of the time limit kept for materials and renders.
+const FINISH_SHARE: f64 = 0.12;
 /// Memory that a sample takes while an iteration runs, in bytes.
 const BYTES_PER_SAMPLE: u64 = 256;
 /// Iterations without a limit of either kind.
@@ -50,9 +52,16 @@ impl Plan {
 
 /// How far a run has come, of [0, 1]: by iterations or by time, whichever is further.
 pub fn progress(settings: &Settings, iteration: u64, seconds: f64) -> f64 {
-    let by_time = settings.time_limit.map_or(0.0, |limit| seconds / limit);
+    let by_time = self::seconds(settings).map_or(0.0, |limit| seconds / limit);
     let by_count = iterations(settings).map_or(0.0, |most| iteration as f64 / most as f64);
     by_time.max(by_count).min(1.0)
+}
+
+/// The seconds for iterations: the time limit without the share that materials and renders take at the end.
+pub fn seconds(settings: &Settings) -> Option<f64> {
+    settings
+        .time_limit
+        .map(|limit| (1.0 - FINISH_SHARE) * limit)
 }
 
 /// The most iterations, when time does not limit them.
