@@ -122,6 +122,46 @@ fn threads_and_interruptions_do_not_change_a_bit() {
 }
 
 #[test]
+fn a_run_leaves_everything_that_is_written() {
+    let (capture, _) = capture();
+    let settings = Settings {
+        hold_out: Some(3),
+        lambertian: true,
+        ..settings(2)
+    };
+    let found = eclipse::reconstruct::run(&capture, &settings, &Control::detached()).unwrap();
+    let frame = &capture.frames[1];
+    let (materials, render) = (&found.materials[1], &found.renders[1]);
+    for y in 0..SIDE {
+        for x in 0..SIDE {
+            if frame.mask.pixel(x, y)[0] > 0.999 {
+                let m = materials.pixel(x, y);
+                assert!(m[..3].iter().all(|v| (0.3..0.7).contains(v)), "{m:?}");
+                assert_eq!(m[3..], [1.0, 0.0]);
+                assert!(render.pixel(x, y).iter().all(|v| v.is_finite() && *v > 0.0));
+            }
+        }
+    }
+    assert_eq!(found.vertex_materials.len(), capture.mesh.positions.len());
+    // The last of three frames is held out: its mask stays as it began, the others learn.
+    let range = |t: usize| {
+        let data = &found.occluders[t].data;
+        data.iter()
+            .fold(0.0, |most: f32, m| most.max((m - data[0]).abs()))
+    };
+    assert!(
+        range(2) < 1e-5 && range(0) > 1e-4,
+        "{} {}",
+        range(2),
+        range(0)
+    );
+    let photometric = found.metrics.photometric;
+    assert!(photometric.psnr.unwrap().is_finite() && photometric.psnr_held_out.is_some());
+    assert_eq!(found.metrics.extra["iterations"], 2);
+    assert_eq!(found.network.unwrap().extension, "safetensors");
+}
+
+#[test]
 fn a_capture_without_a_pixel_to_fit_is_refused() {
     let (capture, bvh) = capture();
     let nothing = |_: usize, _: u32| false;

@@ -30,6 +30,9 @@ const RECONSTRUCT_EXAMPLES: &str = "Examples:
 A capture is a folder with transforms.json (Blender/NeRF or nerfstudio fields), the photographs it
 names (EXR, HDR, PNG, JPEG; alpha or masks) and a mesh (mesh.glb, .gltf, .obj or .ply).";
 
+/// What 50 rows of a mask can express (Driscoll & Healy, 1994), as the paper has it.
+const PAPER_DEGREE: usize = 24;
+
 #[derive(Args, Debug)]
 #[command(after_help = RECONSTRUCT_EXAMPLES)]
 pub(super) struct ReconstructArguments {
@@ -226,6 +229,10 @@ impl ReconstructArguments {
             },
             lambertian: self.lambertian,
             hold_out: self.hold_out.map(|every| every as usize),
+            harmonic_degree: match self.preset {
+                PresetName::Fast => default.harmonic_degree,
+                PresetName::Paper => PAPER_DEGREE,
+            },
             mesh: self.mesh.clone(),
             ..default
         }
@@ -272,6 +279,7 @@ mod tests {
             occluder_prior: OccluderPrior::None,
             lambertian: true,
             hold_out: Some(8),
+            harmonic_degree: 24,
             mesh: Some("m.obj".into()),
             ..Settings::default()
         };

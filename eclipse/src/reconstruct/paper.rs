@@ -37,7 +37,7 @@ use crate::{
     capture::Capture,
     checkpoint::{self, Checkpoint, CheckpointError},
     control::{Control, Progress},
-    reconstruction::{CurvePoint, Ended},
+    reconstruction::{CurvePoint, Ended, Noise, Reconstruction},
     settings::Settings,
 };
 
@@ -111,6 +111,30 @@ pub enum PaperError {
     /// The state could not be saved or continued.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
+}
+
+/// A whole reconstruction from nothing, without remarks, from the pixels that are `used` (frame, row-major pixel).
+///
+/// # Errors
+/// As [`solve`].
+pub fn run(
+    capture: &Capture,
+    bvh: &Bvh,
+    settings: &Settings,
+    noise: Noise,
+    used: &(dyn Fn(usize, u32) -> bool + Sync),
+    control: &Control<'_>,
+) -> Result<Reconstruction, PaperError> {
+    let solution = solve(capture, bvh, settings, used, None, control)?;
+    (control.progress)(&Progress {
+        stage: "materials and renders",
+        iteration: solution.iterations,
+        iterations: plan::iterations(settings),
+        loss: f64::NAN,
+        samples_per_second: 0.0,
+        seconds: solution.seconds,
+    });
+    finish::finish(solution, capture, bvh, settings, noise, used)
 }
 
 /// Runs the optimiser on the pixels that are `used` (frame, row-major pixel), from nothing or from `start`.

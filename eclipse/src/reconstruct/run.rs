@@ -9,6 +9,7 @@ use super::{
     finish::{self, Found},
     model::Shared,
     noise,
+    paper::{self, PaperError},
     shading::Masks,
 };
 use crate::{
@@ -16,7 +17,7 @@ use crate::{
     checkpoint::{Array, Checkpoint, CheckpointError, fingerprint},
     control::{Control, Progress},
     reconstruction::{CurvePoint, Ended, Metrics, Noise, Photometric, Reconstruction},
-    settings::Settings,
+    settings::{Preset, Settings},
 };
 
 /// Coarse light on few patches finds its way in seconds; the fine stage then has the rest of the time.
@@ -65,6 +66,12 @@ pub fn run(
     let noise = noise::estimate(&capture.frames);
     let bvh = Bvh::new(&capture.mesh)?;
     let frames = Frames::new(capture, settings);
+    if settings.preset == Preset::Paper {
+        let used = |frame: usize, _: u32| frames.fitted(frame);
+        let mut found = paper::run(capture, &bvh, settings, noise, &used, control)?;
+        found.notes = frames.notes(&capture.frames, &found.occluders);
+        return Ok(found);
+    }
     let mut run = Run {
         capture,
         settings,
@@ -141,6 +148,9 @@ pub enum ReconstructError {
     /// The tape refused its input.
     #[error("the solver failed: {0}; please report this with the capture")]
     Tape(#[from] autodiff::RunError),
+    /// The paper's algorithm failed.
+    #[error(transparent)]
+    Paper(#[from] PaperError),
     /// The state could not be saved or used.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),

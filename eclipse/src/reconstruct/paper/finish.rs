@@ -18,6 +18,7 @@ use render::{
 use super::{PaperError, PaperSolution, brightness, export};
 use crate::{
     capture::{Capture, Frame},
+    reconstruct::finish::psnr,
     reconstruction::{Metrics, Noise, Photometric, Reconstruction, VertexMaterial},
     settings::Settings,
 };
@@ -36,7 +37,7 @@ pub fn finish(
     capture: &Capture,
     bvh: &Bvh,
     settings: &Settings,
-    noise: Option<Noise>,
+    noise: Noise,
     used: &(dyn Fn(usize, u32) -> bool + Sync),
 ) -> Result<Reconstruction, PaperError> {
     let view = View::new(&solution, bvh);
@@ -66,7 +67,7 @@ pub fn finish(
         network: Some(export::safetensors(&solution.network)),
         renders,
         metrics: Metrics { photometric, extra },
-        noise,
+        noise: Some(noise),
         settings: settings.clone(),
         notes: Vec::new(),
         ended: solution.ended,
@@ -182,21 +183,4 @@ impl<'a> View<'a> {
         };
         PathBatch::sample(&scene, points, &settings)
     }
-}
-
-/// Agreement on whole object pixels that are `counted`, in decibels against a peak of 1; `None` without such pixels.
-fn psnr(frames: &[Frame], renders: &[Image], counted: &dyn Fn(usize, u32) -> bool) -> Option<f64> {
-    let (mut sum, mut count) = (0.0, 0_u64);
-    for (t, (frame, render)) in frames.iter().zip(renders).enumerate() {
-        let covered = |p: &usize| frame.mask.data[*p] > super::batch::COVERED;
-        for p in (0..frame.mask.data.len()).filter(covered) {
-            if counted(t, p as u32) {
-                for i in 3 * p..3 * p + 3 {
-                    sum += f64::from(render.data[i] - frame.image.data[i]).powi(2);
-                    count += 1;
-                }
-            }
-        }
-    }
-    (count > 0).then(|| -10.0 * (sum / count as f64).max(1e-20).log10())
 }
