@@ -40,7 +40,7 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             preset: Preset::Fast,
-            time_limit: Some(150.0),
+            time_limit: Some(120.0),
             iterations: None,
             seed: 0,
             threads: std::thread::available_parallelism().map_or(1, |n| n.get()),

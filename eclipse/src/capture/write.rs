@@ -22,7 +22,7 @@ pub fn write(path: &Path, capture: &Capture) -> Result<(), CaptureError> {
     write_with(path, capture, |_| Ok(()))
 }
 
-/// [`write`] with more files: `extra` is given the folder being written, before it takes its name.
+/// [`write()`] with more files: `extra` is given the folder being written, before it takes its name.
 pub fn write_with<E: From<CaptureError>>(
     path: &Path,
     capture: &Capture,

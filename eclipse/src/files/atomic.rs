@@ -16,7 +16,7 @@ pub fn write(path: &Path, write: impl FnOnce(&mut File) -> io::Result<()>) -> io
 /// Writes a file next to `path` that takes its place with `persist`, and is removed when dropped.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub fn stage(
     path: &Path,
     write: impl FnOnce(&mut File) -> io::Result<()>,
