@@ -6,7 +6,7 @@
 use crate::settings::Settings;
 
 /// The paper's pixels an iteration.
-const MOST_PIXELS: u64 = 1 << 16;
+pub const MOST_PIXELS: u64 = 1 << 16;
 /// The paper's rays from a surface point.
 const MOST_RAYS: u64 = 1024;
 /// Fewer pixels than this leave most frames without one.

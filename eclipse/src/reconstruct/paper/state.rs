@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use render::{estimator::Unknowns, materials::MaterialNetwork};
 
-use super::plan::Plan;
+use super::plan::{MOST_PIXELS, Plan};
 use crate::{
     checkpoint::{Array, Checkpoint, CheckpointError},
     reconstruct::adam::Adam,
@@ -13,7 +13,7 @@ use crate::{
 
 /// Learning rate of the environment and the network (Sec. 4.5).
 const RATE: f32 = 3e-3;
-/// Learning rate of the occluders' coefficients.
+/// Learning rate of the occluders' coefficients at the paper's batch.
 const OCCLUDER_RATE: f32 = 1.0;
 /// How much of the reported loss an iteration replaces: one alone is too noisy to be read.
 const SMOOTHING: f64 = 0.05;
@@ -72,7 +72,7 @@ impl State {
         occluders.step(
             &mut unknowns.occluders,
             &gradients.occluders,
-            OCCLUDER_RATE * share,
+            occluder_rate(self.plan) * share,
             step,
         );
         let mut weights = flatten(&unknowns.network);
@@ -161,6 +161,14 @@ impl State {
         self.iteration = checkpoint.iteration;
         Ok(())
     }
+}
+
+/// The occluders' rate for smaller batches, by the square root of their size (Malladi et al., NeurIPS 2022).
+///
+/// A step of 1 in each of 625 coefficients changes a logit by about 7: where noise decides the sign, masks end up random.
+/// Light and materials move little in a step, and keep their rate.
+fn occluder_rate(plan: Plan) -> f32 {
+    OCCLUDER_RATE * (plan.pixels as f32 / MOST_PIXELS as f32).sqrt()
 }
 
 /// All weights and biases in the order of the layers.
