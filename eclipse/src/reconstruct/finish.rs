@@ -21,8 +21,8 @@ use crate::{
 
 /// Share of a value left to what the model cannot explain; it evens out the frames' say in the albedo.
 const MODEL_ERROR: f32 = 0.03;
-/// Most sites: beyond, they are coarser than pixels.
-const MOST_SITES: usize = 14_000;
+/// Most sites: beyond, they are coarser than pixels, and finding what they see takes no more than the solve.
+const MOST_SITES: usize = 6_000;
 
 /// The light and the occluders that a solve found.
 pub struct Found<'a> {

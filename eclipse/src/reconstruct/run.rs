@@ -37,16 +37,16 @@ const STAGES: [(&str, Stage); 2] = [
         Stage {
             rows: 50,
             patches: 2000,
-            members: 8,
+            members: 4,
             steps: 30,
             products: 25,
         },
     ),
 ];
 /// Share of the time limit after which the coarse stage ends.
-const COARSE_SHARE: f64 = 0.25;
+const COARSE_SHARE: f64 = 0.3;
 /// Share of the time limit kept for materials and images.
-const FINISH_SHARE: f64 = 0.12;
+const FINISH_SHARE: f64 = 0.15;
 /// A step that lowers the cost by less than this share of it is as good as none.
 const CONVERGED: f64 = 3e-5;
 
