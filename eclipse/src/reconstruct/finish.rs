@@ -25,6 +25,7 @@ const MODEL_ERROR: f32 = 0.03;
 const MOST_SITES: usize = 6_000;
 
 /// The light and the occluders that a solve found.
+#[derive(Clone, Copy)]
 pub struct Found<'a> {
     /// The object.
     pub bvh: &'a Bvh,
@@ -42,6 +43,16 @@ pub struct Found<'a> {
     pub lobe: Option<Lobe>,
     /// Seed of every random number.
     pub seed: u64,
+}
+
+impl<'a> Found<'a> {
+    /// The same under these occluders.
+    pub fn under<'b>(&self, occluders: Option<&'b Masks>) -> Found<'b>
+    where
+        'a: 'b,
+    {
+        Found { occluders, ..*self }
+    }
 }
 
 /// What is left at the end, see [`crate::reconstruction::Reconstruction`].

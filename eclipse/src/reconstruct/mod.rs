@@ -4,6 +4,7 @@ pub mod adam;
 pub mod cutout;
 pub mod fast;
 pub mod finish;
+pub mod hold_out;
 pub mod least_squares;
 pub mod model;
 pub mod noise;

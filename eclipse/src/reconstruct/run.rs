@@ -7,6 +7,7 @@ use render::{bvh::Bvh, mesh::MeshError};
 use super::{
     fast::{self, Problem, Stage, Start},
     finish::{self, Found},
+    hold_out,
     model::Shared,
     noise,
     paper::{self, PaperError},
@@ -330,28 +331,44 @@ impl Run<'_> {
         self.report("materials and renders", f64::NAN, 0.0);
         let radiance = shared.linearise(z)?.0.radiance()?;
         let frames = &self.capture.frames;
-        let occluders = self.settings.occluders.then_some(Masks {
-            grid: shared.grid,
-            shell: shared.shell,
-            frames: frames.len(),
-            share: shared.masks(z)?,
-        });
+        let masks_at = |z: &[f32]| -> Result<Option<Masks>, autodiff::RunError> {
+            let share = shared.masks(z)?;
+            Ok((!share.is_empty()).then_some(Masks {
+                grid: shared.grid,
+                shell: shared.shell,
+                frames: frames.len(),
+                share,
+            }))
+        };
         let found = Found {
             bvh,
             frames,
             noise: &self.noise,
             grid: shared.grid,
             radiance: &radiance,
-            occluders: occluders.as_ref(),
+            occluders: None,
             lobe: None,
             seed: self.settings.seed,
         };
-        let finished = finish::finish(&found, &|t, _| chosen.fitted(t));
+        let fitted = |t: usize, _: u32| chosen.fitted(t);
+        let mut occluders = masks_at(z)?;
+        let mut finished = finish::finish(&found.under(occluders.as_ref()), &fitted);
+        if self.settings.hold_out.is_some() {
+            self.report("occluders of held-out frames", f64::NAN, 0.0);
+            let held = |t: usize| chosen.held_out[t];
+            let z = hold_out::fit(&found, shared, z, &finished.materials, &held)?;
+            let moved = masks_at(&z)?;
+            finished = finish::finish(&found.under(moved.as_ref()), &fitted);
+            occluders = moved;
+        }
+        let judged = |t: usize, p: u32| {
+            chosen.held_out[t] && !hold_out::fitted_half(frames[t].image.width, p as usize)
+        };
         let rows = self.settings.grid_rows;
         let masks = occluders.map_or(Vec::new(), |masks| masks.images(rows));
         let photometric = Photometric {
-            psnr: finish::psnr(frames, &finished.renders, &|t, _| chosen.fitted(t)),
-            psnr_held_out: None,
+            psnr: finish::psnr(frames, &finished.renders, &fitted),
+            psnr_held_out: finish::psnr(frames, &finished.renders, &judged),
         };
         let extra = BTreeMap::from([
             ("iterations".to_owned(), self.iteration().into()),
