@@ -374,9 +374,16 @@ impl Run<'_> {
             ("iterations".to_owned(), self.iteration().into()),
             ("seconds".to_owned(), self.seconds().into()),
         ]);
+        let mut notes = chosen.notes(frames, &masks);
+        if !self.settings.lambertian {
+            notes.push(
+                "the fast preset fits diffuse materials only: alpha and kappa are not recovered, as with --lambertian"
+                    .to_owned(),
+            );
+        }
         Ok(Reconstruction {
             environment: finish::environment(shared.grid, &radiance, rows),
-            notes: chosen.notes(frames, &masks),
+            notes,
             occluders: masks,
             materials: finished.materials,
             vertex_materials: finished.vertex_materials,
