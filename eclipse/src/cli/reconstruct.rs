@@ -44,7 +44,7 @@ pub(super) struct ReconstructArguments {
     /// Algorithm: the best known, or the paper's to the letter.
     #[arg(long, value_enum, default_value_t = PresetName::Fast)]
     pub preset: PresetName,
-    /// Time for the solve, such as 90s, 10m or 1h30m [default: 150s, or none with --iterations].
+    /// Time for the solve, such as 90s, 10m or 1h30m [default: 120s, or none with --iterations].
     #[arg(long, value_name = "TIME", value_parser = units::duration)]
     pub time_limit: Option<f64>,
     /// Most iterations of the optimiser [default: the preset's].
