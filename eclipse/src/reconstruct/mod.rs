@@ -6,6 +6,7 @@ pub mod fast;
 pub mod finish;
 pub mod hold_out;
 pub mod least_squares;
+pub mod lobe;
 pub mod model;
 pub mod noise;
 pub mod paper;

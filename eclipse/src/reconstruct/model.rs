@@ -184,6 +184,18 @@ impl Shared {
         ))
     }
 
+    /// Fits the photographs less `part` (linear RGB of every view) from here on; `observations` are those of [`Shared::new`].
+    pub fn subtract(&mut self, observations: &Observations, part: &[[f32; 3]]) {
+        let mut value = vec![0.0; self.fixed.value.len()];
+        for (view, part) in observations.views.iter().zip(part) {
+            for c in 0..3 {
+                let row = c * self.patches + view.patch as usize;
+                value[row * self.frames + view.frame as usize] = view.value[c] - part[c];
+            }
+        }
+        self.fixed.value = value.into();
+    }
+
     fn bind(&self, environment: &[f32], masks: Option<&[f32]>) -> Result<Workspace<f32>, RunError> {
         let fixed = &self.fixed;
         let sizes = Sizes::new()

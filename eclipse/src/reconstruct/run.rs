@@ -4,6 +4,14 @@ use std::{collections::BTreeMap, time::Instant};
 
 use render::{bvh::Bvh, mesh::MeshError};
 
+mod coat;
+mod frames;
+mod schedule;
+
+use coat::Coat;
+use frames::Frames;
+use schedule::{FINISH_SHARE, Place, ROUNDS, SECOND_DAMPING, STAGES};
+
 use super::{
     fast::{self, Problem, Stage, Start},
     finish::{self, Found},
@@ -11,7 +19,8 @@ use super::{
     model::Shared,
     noise,
     paper::{self, PaperError},
-    shading::Masks,
+    patches::Observations,
+    shading::{Lobe, Masks},
 };
 use crate::{
     capture::Capture,
@@ -21,33 +30,6 @@ use crate::{
     settings::{Preset, Settings},
 };
 
-/// Coarse light on few patches finds its way in seconds; the fine stage then has the rest of the time.
-const STAGES: [(&str, Stage); 2] = [
-    (
-        "coarse light and occluders",
-        Stage {
-            rows: 25,
-            patches: 800,
-            members: 8,
-            steps: 12,
-            products: 25,
-        },
-    ),
-    (
-        "fine light and occluders",
-        Stage {
-            rows: 50,
-            patches: 2000,
-            members: 4,
-            steps: 30,
-            products: 25,
-        },
-    ),
-];
-/// Share of the time limit after which the coarse stage ends.
-const COARSE_SHARE: f64 = 0.3;
-/// Share of the time limit kept for materials and images.
-const FINISH_SHARE: f64 = 0.15;
 /// A step that lowers the cost by less than this share of it is as good as none.
 const CONVERGED: f64 = 3e-5;
 
@@ -84,11 +66,13 @@ pub fn run(
         curve: Vec::new(),
         ended: Ended::Converged,
         failed: None,
+        coat: None,
     };
-    let (mut first, mut start) = match control.resume {
+    let ([mut first, mut round], mut start) = match control.resume {
         Some(checkpoint) => run.resume(checkpoint)?,
-        None => (0, None),
+        None => ([0; 2], None),
     };
+    let rounds = if settings.lambertian { 1 } else { ROUNDS };
     let used = |frame: usize, _: u32| frames.fitted(frame);
     let mut last: Option<(Shared, Vec<f32>)> = None;
     while first < STAGES.len() {
@@ -104,11 +88,12 @@ pub fn run(
             seed: settings.seed,
             threads: settings.threads,
         };
-        let (observations, shared) = fast::prepare(&problem, &stage, &used)?;
+        let (observations, mut shared) = fast::prepare(&problem, &stage, &used)?;
         if observations.views.is_empty() {
             return Err(ReconstructError::NothingToFit);
         }
-        let from = match (start.take(), &last) {
+        let resumed = start.is_some();
+        let mut from = match (start.take(), &last) {
             (Some(start), _) => start,
             (None, Some((coarse, z))) => Start::from(fast::refine(coarse, z, &shared)),
             (None, None) => Start::from(vec![0.0; shared.parameters()]),
@@ -120,12 +105,46 @@ pub fn run(
                 found: format!("{} f32", from.z.len()),
             }));
         }
-        let z = run.steps(name, first, &stage, &shared, from)?;
-        last = Some((shared, z));
+        let steps = stage.steps;
+        let mut coated = resumed;
+        loop {
+            if !settings.lambertian && !coated && (first, round) != (0, 0) {
+                run.report("specular reflection", f64::NAN, 0.0);
+                run.coat = Some(run.coat(&bvh, &shared, &observations, &from.z)?);
+            }
+            coated = false;
+            if let Some(coat) = &run.coat {
+                if coat.part.len() != observations.views.len() {
+                    return Err(ReconstructError::Checkpoint(CheckpointError::Array {
+                        name: "coat".into(),
+                        expected: format!("{} f32", 3 * observations.views.len()),
+                        found: format!("{} f32", 3 * coat.part.len()),
+                    }));
+                }
+                shared.subtract(&observations, &coat.part);
+            }
+            stage.steps = steps * (round + 1) / rounds;
+            let place = Place {
+                stage: first,
+                round,
+                rounds,
+            };
+            let z = run.steps(name, place, &stage, &shared, from)?;
+            round += 1;
+            from = Start {
+                damping: SECOND_DAMPING,
+                step: steps * round / rounds,
+                ..Start::from(z)
+            };
+            if run.ended != Ended::Converged || round >= rounds {
+                break;
+            }
+        }
+        last = Some((shared, from.z));
         if run.ended != Ended::Converged {
             break;
         }
-        first += 1;
+        (first, round) = (first + 1, 0);
     }
     let (shared, z) = last.ok_or(ReconstructError::NothingToFit)?;
     run.finish(&bvh, &frames, &shared, &z)
@@ -170,6 +189,7 @@ struct Run<'a> {
     curve: Vec<CurvePoint>,
     ended: Ended,
     failed: Option<CheckpointError>,
+    coat: Option<Coat>,
 }
 
 impl Run<'_> {
@@ -196,14 +216,13 @@ impl Run<'_> {
     fn steps(
         &mut self,
         name: &'static str,
-        number: usize,
+        place: Place,
         stage: &Stage,
         shared: &Shared,
         start: Start,
     ) -> Result<Vec<f32>, ReconstructError> {
-        let final_stage = number + 1 == STAGES.len();
         self.ended = Ended::Converged;
-        if let Some(ended) = self.due(final_stage, 0.0) {
+        if let Some(ended) = self.due(place.share(), 0.0) {
             self.ended = ended;
             return Ok(start.z);
         }
@@ -221,11 +240,11 @@ impl Run<'_> {
                 samples_per_second: rate,
             });
             self.report(name, step.cost, rate);
-            if let Err(error) = (self.control.checkpoint)(&self.state(number, step)) {
+            if let Err(error) = (self.control.checkpoint)(&self.state(place, step)) {
                 self.failed = Some(error);
                 return false;
             }
-            if let Some(ended) = self.due(final_stage, took) {
+            if let Some(ended) = self.due(place.share(), took) {
                 self.ended = ended;
                 return false;
             }
@@ -233,8 +252,9 @@ impl Run<'_> {
             previous = step.cost;
             !(gained > 0.0 && gained < CONVERGED * step.cost)
         })?;
-        // The coarse stage's own share of the time is over, not the run's.
-        if !final_stage && self.ended == Ended::TimeLimit && !self.out_of_time(true, 0.0) {
+        // The round's own share of the time is over, not the run's.
+        let over = || self.out_of_time(1.0 - FINISH_SHARE, 0.0);
+        if !place.is_last() && self.ended == Ended::TimeLimit && !over() {
             self.ended = Ended::Converged;
         }
         match self.failed.take() {
@@ -244,7 +264,7 @@ impl Run<'_> {
     }
 
     /// Why no further step may be taken, when the last took `step` seconds.
-    fn due(&self, final_stage: bool, step: f64) -> Option<Ended> {
+    fn due(&self, share: f64, step: f64) -> Option<Ended> {
         if self.control.stopped() {
             return Some(Ended::Interrupted);
         }
@@ -255,25 +275,22 @@ impl Run<'_> {
         {
             return Some(Ended::Iterations);
         }
-        self.out_of_time(final_stage, step)
-            .then_some(Ended::TimeLimit)
+        self.out_of_time(share, step).then_some(Ended::TimeLimit)
     }
 
-    fn out_of_time(&self, final_stage: bool, step: f64) -> bool {
-        let share = if final_stage {
-            1.0 - FINISH_SHARE
-        } else {
-            COARSE_SHARE
-        };
+    fn out_of_time(&self, share: f64, step: f64) -> bool {
         self.settings
             .time_limit
             .is_some_and(|limit| self.seconds() + step > share * limit)
     }
 
-    fn state(&self, stage: usize, step: &fast::Step<'_>) -> Checkpoint {
+    fn state(&self, place: Place, step: &fast::Step<'_>) -> Checkpoint {
         let curve = self.curve.iter();
         let curve =
             curve.flat_map(|p| [p.iteration as f64, p.seconds, p.loss, p.samples_per_second]);
+        let coat = self.coat.as_ref();
+        let lobe = coat.map_or(Vec::new(), |c| vec![c.lobe.alpha, c.lobe.kappa]);
+        let part = coat.map_or(Vec::new(), |c| c.part.as_flattened().to_vec());
         Checkpoint {
             settings: self.settings.clone(),
             capture: self.fingerprint,
@@ -284,9 +301,15 @@ impl Run<'_> {
                 ("damping".to_owned(), Array::F32(vec![step.damping])),
                 (
                     "stage".to_owned(),
-                    Array::U64(vec![stage as u64, step.step as u64 + 1]),
+                    Array::U64(
+                        [place.stage, place.round, step.step + 1]
+                            .map(|n| n as u64)
+                            .to_vec(),
+                    ),
                 ),
                 ("curve".to_owned(), Array::F64(curve.collect())),
+                ("lobe".to_owned(), Array::F32(lobe)),
+                ("coat".to_owned(), Array::F32(part)),
             ]),
         }
     }
@@ -295,15 +318,26 @@ impl Run<'_> {
     fn resume(
         &mut self,
         checkpoint: &Checkpoint,
-    ) -> Result<(usize, Option<Start>), CheckpointError> {
+    ) -> Result<([usize; 2], Option<Start>), CheckpointError> {
         let length = |name: &str| match checkpoint.arrays.get(name) {
             Some(Array::F32(values)) => values.len(),
             Some(Array::F64(values)) => values.len() / 4 * 4,
             _ => 0,
         };
+        if length("lobe") > 0 {
+            let lobe = checkpoint.f32s("lobe", 2)?;
+            let part = checkpoint.f32s("coat", length("coat") / 3 * 3)?;
+            self.coat = Some(Coat {
+                lobe: Lobe {
+                    alpha: lobe[0],
+                    kappa: lobe[1],
+                },
+                part: part.as_chunks().0.to_vec(),
+            });
+        }
         let z = checkpoint.f32s("z", length("z"))?.to_vec();
         let damping = checkpoint.f32s("damping", 1)?[0];
-        let place = checkpoint.u64s("stage", 2)?;
+        let place = checkpoint.u64s("stage", 3)?;
         let curve = checkpoint.f64s("curve", length("curve"))?;
         self.curve = curve
             .chunks_exact(4)
@@ -316,8 +350,20 @@ impl Run<'_> {
             .collect();
         self.before = checkpoint.seconds;
         let stage = (place[0] as usize).min(STAGES.len() - 1);
-        let step = place[1] as usize;
-        Ok((stage, Some(Start { z, damping, step })))
+        let round = (place[1] as usize).min(ROUNDS - 1);
+        let step = place[2] as usize;
+        Ok(([stage, round], Some(Start { z, damping, step })))
+    }
+
+    /// Occluders at `z`, if modelled.
+    fn masks(&self, shared: &Shared, z: &[f32]) -> Result<Option<Masks>, autodiff::RunError> {
+        let share = shared.masks(z)?;
+        Ok((!share.is_empty()).then_some(Masks {
+            grid: shared.grid,
+            shell: shared.shell,
+            frames: self.capture.frames.len(),
+            share,
+        }))
     }
 
     /// Materials, images, scores and remarks.
@@ -331,15 +377,6 @@ impl Run<'_> {
         self.report("materials and renders", f64::NAN, 0.0);
         let radiance = shared.linearise(z)?.0.radiance()?;
         let frames = &self.capture.frames;
-        let masks_at = |z: &[f32]| -> Result<Option<Masks>, autodiff::RunError> {
-            let share = shared.masks(z)?;
-            Ok((!share.is_empty()).then_some(Masks {
-                grid: shared.grid,
-                shell: shared.shell,
-                frames: frames.len(),
-                share,
-            }))
-        };
         let found = Found {
             bvh,
             frames,
@@ -347,17 +384,17 @@ impl Run<'_> {
             grid: shared.grid,
             radiance: &radiance,
             occluders: None,
-            lobe: None,
+            lobe: self.coat.as_ref().map(|coat| coat.lobe),
             seed: self.settings.seed,
         };
         let fitted = |t: usize, _: u32| chosen.fitted(t);
-        let mut occluders = masks_at(z)?;
+        let mut occluders = self.masks(shared, z)?;
         let mut finished = finish::finish(&found.under(occluders.as_ref()), &fitted);
         if self.settings.hold_out.is_some() {
             self.report("occluders of held-out frames", f64::NAN, 0.0);
             let held = |t: usize| chosen.held_out[t];
             let z = hold_out::fit(&found, shared, z, &finished.materials, &held)?;
-            let moved = masks_at(&z)?;
+            let moved = self.masks(shared, &z)?;
             finished = finish::finish(&found.under(moved.as_ref()), &fitted);
             occluders = moved;
         }
@@ -375,10 +412,14 @@ impl Run<'_> {
             ("seconds".to_owned(), self.seconds().into()),
         ]);
         let mut notes = chosen.notes(frames, &masks);
-        if !self.settings.lambertian {
+        if let Some(Coat { lobe, .. }) = &self.coat {
+            notes.push(format!(
+                "specular reflection: alpha {:.3} and kappa {:.3}, the same all over the object",
+                lobe.alpha, lobe.kappa
+            ));
+        } else if !self.settings.lambertian {
             notes.push(
-                "the fast preset fits diffuse materials only: alpha and kappa are not recovered, as with --lambertian"
-                    .to_owned(),
+                "the run ended before specular reflection was fitted: all is diffuse".to_owned(),
             );
         }
         Ok(Reconstruction {
@@ -395,46 +436,5 @@ impl Run<'_> {
             settings: self.settings.clone(),
             ended: self.ended,
         })
-    }
-}
-
-/// Which frames light and materials are fitted to.
-struct Frames {
-    black: Vec<bool>,
-    held_out: Vec<bool>,
-}
-
-impl Frames {
-    fn new(capture: &Capture, settings: &Settings) -> Self {
-        let black = |frame: &crate::capture::Frame| frame.image.data.iter().all(|&v| v <= 0.0);
-        let every = |t: usize| settings.hold_out.is_some_and(|k| t % k == k - 1);
-        Self {
-            black: capture.frames.iter().map(black).collect(),
-            held_out: (0..capture.frames.len()).map(every).collect(),
-        }
-    }
-
-    fn fitted(&self, frame: usize) -> bool {
-        !self.black[frame] && !self.held_out[frame]
-    }
-
-    fn notes(
-        &self,
-        frames: &[crate::capture::Frame],
-        masks: &[render::image::Image],
-    ) -> Vec<String> {
-        let black = self.black.iter().zip(frames).filter(|(black, _)| **black);
-        let mut notes: Vec<String> = black
-            .map(|(_, frame)| format!("frame {}: all black, left out of the fit", frame.name))
-            .collect();
-        for (mask, frame) in masks.iter().zip(frames) {
-            if mask.data.iter().all(|&share| share > 0.5) {
-                notes.push(format!(
-                    "frame {}: its mask ended empty, nothing blocks half of the light anywhere",
-                    frame.name
-                ));
-            }
-        }
-        notes
     }
 }
