@@ -19,7 +19,6 @@ use super::{
     model::Shared,
     noise,
     paper::{self, PaperError},
-    patches::Observations,
     shading::{Lobe, Masks},
 };
 use crate::{
