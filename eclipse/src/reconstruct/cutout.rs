@@ -1,43 +1,57 @@
 //! The operator as an upright cutout: one silhouette shared by all frames, standing behind the camera.
 //!
-//! For frame t the cutout stands in the vertical plane that faces the object's axis at the camera's distance from it. Its
-//! coordinates are in units of that distance: u to the side, v up from the camera's height. A ray from the origin meets the
-//! plane at (U, V) = (ω·l / ω·n, ω_z / ω·n − camera's height), where n, l are the plane's normal and its horizontal
-//! direction. A person walks about while photographing, so every frame may shift, scale and widen the silhouette a little.
+//! For frame t the cutout stands in the vertical plane that faces the object's axis at the camera's horizontal distance h
+//! from it. A person keeps their size: its coordinates are lengths, in units of the cameras' mean distance from the origin,
+//! u to the side, v up from the camera. A ray from the origin meets the plane at (U, V) = (h ω·l / ω·n, h ω_z / ω·n − camera's
+//! height), where n, l are the plane's normal and its horizontal direction. A person walks about while photographing, so
+//! every frame may shift, scale and widen the silhouette a little.
 
 use glam::Vec3;
 use render::{camera::Camera, lat_long::LatLong};
 
 /// Rows and columns of the silhouette's texture.
-pub const TEXTURE: LatLong = LatLong::new(48, 40);
-/// The texture spans u of ±`REACH` and v from `TOP` down to `BOTTOM`, in units of the cutout's distance.
-pub const REACH: f32 = 1.6;
+pub const TEXTURE: LatLong = LatLong::new(72, 56);
+/// The texture spans u of ±`REACH` and v from `TOP` down to `BOTTOM`, in units of the cameras' mean distance.
+pub const REACH: f32 = 1.4;
 /// Upper end of the texture.
 pub const TOP: f32 = 0.6;
 /// Lower end of the texture.
-pub const BOTTOM: f32 = -3.4;
+pub const BOTTOM: f32 = -3.0;
 /// Parameters of a frame: shift to the side, shift up, log scale, log extra width; each in units of its standard deviation
 /// below.
 pub const FRAME_PARAMETERS: usize = 4;
 /// Standard deviations of the frame's parameters: a step to the side, the camera's height on the body, a person's size
 /// seen from here and there, and turning.
 pub const FRAME_SD: [f32; FRAME_PARAMETERS] = [0.08, 0.08, 0.1, 0.1];
+/// How far the cutout stands behind the camera: its horizontal distance from the axis over the camera's.
+pub const BEHIND: f32 = 1.3;
 /// Where a frame's cutout stands.
 #[derive(Clone, Copy, Debug)]
 pub struct Stand {
     normal: Vec3,
     lateral: Vec3,
-    /// Horizontal distance of the camera from the axis.
+    /// Horizontal distance of the cutout from the axis, in the capture's unit.
     pub distance: f32,
+    /// The same, and the camera's height, in units of the texture.
+    reach: f32,
     height: f32,
 }
 
 impl Stand {
-    /// Behind this camera.
-    pub fn behind(camera: &Camera) -> Self {
+    /// Behind each of these cameras.
+    pub fn behind_all<'a>(cameras: impl Iterator<Item = &'a Camera> + Clone) -> Vec<Self> {
+        let (sum, count) = cameras.clone().fold((0.0, 0), |(sum, n), camera| {
+            (sum + camera.distance(), n + 1)
+        });
+        let unit = (sum / count.max(1) as f32).max(1e-9);
+        cameras.map(|camera| Self::behind(camera, unit)).collect()
+    }
+
+    /// Behind this camera, lengths measured in `unit`.
+    fn behind(camera: &Camera, unit: f32) -> Self {
         let centre = camera.centre();
         // Looking straight down there is no horizontal direction; the plane then stands at a tenth of the distance.
-        let distance = centre.truncate().length().max(0.1 * centre.length());
+        let distance = BEHIND * centre.truncate().length().max(0.1 * centre.length());
         let normal = Vec3::new(centre.x, centre.y, 0.0)
             .try_normalize()
             .unwrap_or(Vec3::X);
@@ -45,7 +59,8 @@ impl Stand {
             normal,
             lateral: Vec3::new(-normal.y, normal.x, 0.0),
             distance,
-            height: centre.z / distance,
+            reach: distance / unit,
+            height: centre.z / unit,
         }
     }
 
@@ -54,8 +69,8 @@ impl Stand {
         let towards = direction.dot(self.normal);
         (towards > 0.15).then(|| {
             [
-                direction.dot(self.lateral) / towards,
-                direction.z / towards - self.height,
+                self.reach * direction.dot(self.lateral) / towards,
+                self.reach * direction.z / towards - self.height,
             ]
         })
     }
@@ -63,7 +78,8 @@ impl Stand {
 
 /// The start: an upright person, seen from the front, a bit taller than the camera is held.
 ///
-/// Logits of opacity; the person is `height` tall and `half_width` wide at most, in units of the distance.
+/// Logits of opacity; the person is `height` tall and `half_width` wide at most, in units of the
+/// cameras' mean distance.
 pub fn person(height: f32, half_width: f32) -> Vec<f32> {
     (0..TEXTURE.len())
         .map(|i| {

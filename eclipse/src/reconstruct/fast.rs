@@ -8,9 +8,9 @@ use render::{bvh::Bvh, lat_long::LatLong, transport::Quadrature};
 use super::{
     cutout::Stand,
     least_squares::{self, Linearisation, StepOptions},
-    model::{At, Shared},
+    model::{At, Shared, mask_grid},
     patches::{Observations, PatchOptions},
-    shell::Shell,
+    shell::Shells,
     sky::SkyModel,
     transport,
 };
@@ -90,26 +90,19 @@ pub fn prepare(
     let rows = transport::rows(problem.bvh, &quadrature, &observations.patches);
     let grid = quadrature.grid();
     let cameras = || frames.iter().map(|f| &f.camera);
-    let (sky, shell) = match problem.occluders {
-        None => (SkyModel::Clear, Shell::sphere(cameras())),
-        Some(OccluderPrior::Operator) => (
-            SkyModel::cutout(cameras().map(Stand::behind).collect())?,
-            Shell::cylinder(cameras()),
-        ),
+    let (sky, shells) = match problem.occluders {
+        None => (SkyModel::Clear, Shells::spheres(cameras())),
+        Some(OccluderPrior::Operator) => {
+            let stands = Stand::behind_all(cameras());
+            let distances: Vec<f32> = stands.iter().map(|s| s.distance).collect();
+            (SkyModel::cutout(stands)?, Shells::cylinders(&distances))
+        }
         Some(OccluderPrior::None) => (
-            SkyModel::harmonics(problem.harmonic_degree, grid, frames.len())?,
-            Shell::sphere(cameras()),
+            SkyModel::harmonics(problem.harmonic_degree, mask_grid(grid), frames.len())?,
+            Shells::spheres(cameras()),
         ),
     };
-    let shared = Shared::new(
-        grid,
-        &rows,
-        &observations,
-        frames.len(),
-        shell,
-        sky,
-        problem.threads,
-    )?;
+    let shared = Shared::new(grid, &rows, &observations, shells, sky, problem.threads)?;
     Ok((observations, shared))
 }
 

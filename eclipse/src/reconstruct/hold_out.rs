@@ -81,10 +81,10 @@ pub fn fit(
     Ok(z)
 }
 
-/// A ray of a patch: its light and where it looks masks up.
+/// A ray of a patch: its light and where each group of frames looks masks up.
 struct Ray {
     light: [f32; 3],
-    lookup: Bilinear,
+    lookup: Vec<Bilinear>,
 }
 
 /// What the held-out frames saw of patches.
@@ -93,7 +93,8 @@ struct Data {
     rays: Vec<Vec<Ray>>,
     /// Of every view.
     albedo: Vec<[f32; 3]>,
-    frames: usize,
+    /// Of every frame.
+    group: Vec<usize>,
 }
 
 impl Data {
@@ -125,7 +126,9 @@ impl Data {
                         grid.texel_direction(texel / grid.columns, texel % grid.columns);
                     Ray {
                         light: std::array::from_fn(|c| weight * found.radiance[3 * texel + c]),
-                        lookup: shared.shell.lookup(grid, patch.position, direction),
+                        lookup: (shared.shells.groups.iter())
+                            .map(|group| group.shell.lookup(shared.mask_grid(), patch.position, direction))
+                            .collect(),
                     }
                 })
                 .collect()
@@ -162,21 +165,23 @@ impl Data {
             seen,
             rays,
             albedo,
-            frames: frames.len(),
+            group: shared.shells.place.iter().map(|place| place[0]).collect(),
         }
     }
 
     /// Weighted misfit of every view, for masks `[texel][frame]`.
     fn residuals(&self, masks: &[f32]) -> Vec<[f32; 3]> {
+        let frames = self.group.len();
         let views = self.seen.views.iter().zip(&self.albedo);
         views
             .map(|(view, albedo)| {
                 let mut light = [0.0f32; 3];
                 for ray in &self.rays[view.patch as usize] {
+                    let lookup = &ray.lookup[self.group[view.frame as usize]];
                     let share: f32 = (0..4)
                         .map(|q| {
-                            let texel = ray.lookup.index[q] as usize;
-                            ray.lookup.weight[q] * masks[texel * self.frames + view.frame as usize]
+                            let texel = lookup.index[q] as usize;
+                            lookup.weight[q] * masks[texel * frames + view.frame as usize]
                         })
                         .sum();
                     (0..3).for_each(|c| light[c] += share * ray.light[c]);
@@ -190,12 +195,12 @@ impl Data {
 
     /// Of every frame, its parameters `[parameter][frame]` tied to zero.
     fn costs(&self, residuals: &[[f32; 3]], parameters: &[f32]) -> Vec<f64> {
-        let mut costs = vec![0.0; self.frames];
+        let mut costs = vec![0.0; self.group.len()];
         for (view, r) in self.seen.views.iter().zip(residuals) {
             costs[view.frame as usize] += r.iter().map(|&r| f64::from(r).powi(2)).sum::<f64>();
         }
         for (i, &z) in parameters.iter().enumerate() {
-            costs[i % self.frames] += f64::from(z).powi(2);
+            costs[i % self.group.len()] += f64::from(z).powi(2);
         }
         costs
     }

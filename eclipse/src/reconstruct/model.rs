@@ -5,15 +5,17 @@
 
 use std::{ops::Range, sync::Arc};
 
-use autodiff::{Array, Differentiable, Graph, GraphError, Program, RunError, Sizes, Workspace};
+use autodiff::{
+    Array, Differentiable, Graph, GraphError, Program, RunError, Sizes, Var, Workspace,
+};
 use glam::Vec3;
 use render::{lat_long::LatLong, maps::PyramidMap, pyramid::Pyramid};
 
 use super::{
     least_squares::{self, Linearisation},
-    patches::{Observations, View},
+    patches::Observations,
     pyramid::level_deviations,
-    shell::Shell,
+    shell::{Shell, Shells},
     sky::{SkyAt, SkyModel},
 };
 
@@ -22,12 +24,15 @@ const ENVIRONMENT_DEVIATIONS: [f32; 6] = [0.12, 0.25, 0.5, 0.8, 1.0, 1.0];
 /// Colour varies less than brightness: standard deviation of each chroma component relative to luminance.
 const CHROMA: f64 = 0.68;
 
+/// Texels of a mask along the side of one of light.
+const MASK_SIDE: usize = 2;
+
 /// Everything about a capture that the tape reads and that does not change during a stage.
 pub struct Shared {
     /// Grid of light, masks and transport.
     pub grid: LatLong,
     /// Where rays look masks up.
-    pub shell: Shell,
+    pub shells: Shells,
     /// Occluders.
     pub sky: SkyModel,
     /// Logarithm of the radiance at z = 0.
@@ -39,7 +44,6 @@ pub struct Shared {
     /// Shaded samples (patch, direction, frame) of one pass over the data.
     pub samples: usize,
     patches: usize,
-    frames: usize,
     pyramid: Pyramid,
     deviation: Vec<f32>,
     program: Program,
@@ -51,11 +55,17 @@ struct Fixed {
     offsets: Arc<[u32]>,
     texel: Arc<[u32]>,
     weight: Arc<[f32]>,
+    groups: Vec<FixedGroup>,
+    /// Which albedo each residual depends on.
+    albedo_of: Arc<[u32]>,
+}
+
+/// Inputs of a group of frames; values are `[channel][patch][frame of the group]`.
+struct FixedGroup {
     corner: [Arc<[u32]>; 4],
     corner_weight: [Arc<[f32]>; 4],
     value: Arc<[f32]>,
     root_weight: Arc<[f32]>,
-    groups: Arc<[u32]>,
 }
 
 impl Shared {
@@ -67,8 +77,7 @@ impl Shared {
         grid: LatLong,
         rows: &[f32],
         observations: &Observations,
-        frames: usize,
-        shell: Shell,
+        shells: Shells,
         sky: SkyModel,
         threads: usize,
     ) -> Result<Self, GraphError> {
@@ -78,7 +87,7 @@ impl Shared {
             &pyramid,
             &ENVIRONMENT_DEVIATIONS[ENVIRONMENT_DEVIATIONS.len() - levels..],
         );
-        let fixed = Fixed::new(grid, rows, observations, frames, &shell);
+        let fixed = Fixed::new(grid, rows, observations, &shells);
         let count = observations.views.len().max(1) as f64;
         let mean = observations
             .views
@@ -90,20 +99,24 @@ impl Shared {
             / observations.patches.len().max(1) as f64;
         Ok(Self {
             grid,
-            shell,
             sky,
             // Albedo one half explains the mean of the photographs.
             log_radiance: (mean.max(1e-9) / (0.5 * received.max(1e-9))).ln() as f32,
             albedo_precision: 16.0,
             threads,
-            samples: fixed.texel.len() * frames,
+            samples: fixed.texel.len() * shells.frames(),
             patches: observations.patches.len(),
-            frames,
-            program: record(&pyramid)?,
+            program: record(&pyramid, shells.groups.len())?,
+            shells,
             pyramid,
             deviation,
             fixed,
         })
+    }
+
+    /// The masks' grid, as fine as `MASK_SIDE` parts of a texel of light: shadows have edges where light has none.
+    pub fn mask_grid(&self) -> LatLong {
+        mask_grid(self.grid)
     }
 
     /// How many parameters: environment, then occluders.
@@ -145,7 +158,7 @@ impl Shared {
     pub fn masks(&self, z: &[f32]) -> Result<Vec<f32>, RunError> {
         Ok(self
             .sky
-            .at(self.grid, &z[self.ranges()[1].clone()])?
+            .at(self.mask_grid(), &z[self.ranges()[1].clone()])?
             .map_or(Vec::new(), |at| at.masks))
     }
 
@@ -155,23 +168,22 @@ impl Shared {
     /// As [`masks`](Self::masks).
     pub fn linearise(&self, z: &[f32]) -> Result<(At<'_>, Vec<f32>), RunError> {
         let [environment, occluders] = self.ranges();
-        let sky = self.sky.at(self.grid, &z[occluders])?;
+        let sky = self.sky.at(self.mask_grid(), &z[occluders])?;
         let mut ws = self.bind(&z[environment], sky.as_ref().map(|at| at.masks.as_slice()))?;
         let (half, ones) = (vec![0.5; self.albedos()], vec![1.0; self.albedos()]);
         ws.set("albedo", &half)?;
         self.program.jvp(&mut ws, &[("albedo", &ones)])?;
-        let by_albedo = ws.tangent("residual")?.to_vec();
-        let groups = &self.fixed.groups;
+        let by_albedo = self.joined(|name| ws.tangent(name))?;
         let albedo = least_squares::best_albedo(
-            ws.output("residual")?,
+            &self.joined(|name| ws.output(name))?,
             &by_albedo,
-            groups,
+            &self.fixed.albedo_of,
             &half,
             self.albedo_precision,
         );
         ws.set("albedo", &albedo)?;
         self.program.forward(&mut ws)?;
-        let residual = ws.output("residual")?.to_vec();
+        let residual = self.joined(|name| ws.output(name))?;
         Ok((
             At {
                 shared: self,
@@ -184,105 +196,171 @@ impl Shared {
         ))
     }
 
+    /// The residuals of all groups of frames, one after the other.
+    fn joined<'w>(
+        &self,
+        part: impl Fn(&str) -> Result<&'w [f32], RunError>,
+    ) -> Result<Vec<f32>, RunError> {
+        let mut all = Vec::with_capacity(self.fixed.albedo_of.len());
+        for g in 0..self.shells.groups.len() {
+            all.extend_from_slice(part(&named("residual", g))?);
+        }
+        Ok(all)
+    }
+
+    /// The columns of one group of `[texel][frame]`.
+    fn columns(&self, masks: &[f32], group: usize) -> Vec<f32> {
+        let frames = &self.shells.groups[group].frames;
+        masks
+            .chunks_exact(self.shells.frames())
+            .flat_map(|of_texel| frames.iter().map(|&t| of_texel[t]))
+            .collect()
+    }
+
     /// Fits the photographs less `part` (linear RGB of every view) from here on; `observations` are those of [`Shared::new`].
     pub fn subtract(&mut self, observations: &Observations, part: &[[f32; 3]]) {
-        let mut value = vec![0.0; self.fixed.value.len()];
-        for (view, part) in observations.views.iter().zip(part) {
-            for c in 0..3 {
-                let row = c * self.patches + view.patch as usize;
-                value[row * self.frames + view.frame as usize] = view.value[c] - part[c];
-            }
+        let value = grouped(&self.shells, self.patches, observations, &|i, c| {
+            observations.views[i].value[c] - part[i][c]
+        });
+        for (group, value) in self.fixed.groups.iter_mut().zip(value) {
+            group.value = value.into();
         }
-        self.fixed.value = value.into();
     }
 
     fn bind(&self, environment: &[f32], masks: Option<&[f32]>) -> Result<Workspace<f32>, RunError> {
         let fixed = &self.fixed;
-        let sizes = Sizes::new()
+        let mut sizes = Sizes::new()
             .lanes("level", self.pyramid.len())
             .lanes("texel", self.grid.len())
+            .lanes("mask texel", self.mask_grid().len())
             .lanes("patch", self.patches)
             .offsets("direction", fixed.offsets.clone())
-            .axis("frame", self.frames)
             .threads(self.threads);
+        for (g, group) in self.shells.groups.iter().enumerate() {
+            sizes = sizes.axis(&named("frame", g), group.frames.len());
+        }
         let mut ws = self.program.workspace::<f32>(&sizes)?;
         ws.set("environment", environment)?;
         ws.set("deviation", &self.deviation)?;
         ws.set("log radiance", &[self.log_radiance])?;
         ws.bind_index("own texel", fixed.texel.clone())?;
         ws.bind("transport", fixed.weight.clone())?;
-        for k in 0..4 {
-            ws.bind_index(&format!("corner {k}"), fixed.corner[k].clone())?;
-            ws.bind(
-                &format!("corner weight {k}"),
-                fixed.corner_weight[k].clone(),
-            )?;
-        }
-        let clear;
-        let masks = match masks {
-            Some(masks) => masks,
-            None => {
-                clear = vec![1.0; self.grid.len() * self.frames];
-                &clear
+        for (g, group) in fixed.groups.iter().enumerate() {
+            for k in 0..4 {
+                ws.bind_index(&named(CORNERS[k], g), group.corner[k].clone())?;
+                ws.bind(&named(WEIGHTS[k], g), group.corner_weight[k].clone())?;
             }
-        };
-        ws.set("mask", masks)?;
-        ws.bind("value", fixed.value.clone())?;
-        ws.bind("root weight", fixed.root_weight.clone())?;
+            let mask = match masks {
+                Some(masks) => self.columns(masks, g),
+                None => vec![1.0; self.mask_grid().len() * self.shells.groups[g].frames.len()],
+            };
+            ws.set(&named("mask", g), &mask)?;
+            ws.bind(&named("value", g), group.value.clone())?;
+            ws.bind(&named("root weight", g), group.root_weight.clone())?;
+        }
         Ok(ws)
     }
 }
 
+/// The masks' grid beside that of light.
+pub(super) fn mask_grid(grid: LatLong) -> LatLong {
+    LatLong::new(MASK_SIDE * grid.rows, MASK_SIDE * grid.columns)
+}
+
+const CORNERS: [&str; 4] = ["corner 0", "corner 1", "corner 2", "corner 3"];
+const WEIGHTS: [&str; 4] = ["weight 0", "weight 1", "weight 2", "weight 3"];
+
+/// The name of what the tape holds once for every group of frames.
+fn named(what: &str, group: usize) -> String {
+    format!("{what} of group {group}")
+}
+
+/// Values of all views by group of frames, `[channel][patch][frame of the group]`; zero where there is no view.
+fn grouped(
+    shells: &Shells,
+    patches: usize,
+    observations: &Observations,
+    part: &dyn Fn(usize, usize) -> f32,
+) -> Vec<Vec<f32>> {
+    let counts: Vec<usize> = shells.groups.iter().map(|g| g.frames.len()).collect();
+    let mut all: Vec<Vec<f32>> = counts.iter().map(|n| vec![0.0; 3 * patches * n]).collect();
+    for (i, view) in observations.views.iter().enumerate() {
+        let [group, k] = shells.place[view.frame as usize];
+        for c in 0..3 {
+            let row = c * patches + view.patch as usize;
+            all[group][row * counts[group] + k] = part(i, c);
+        }
+    }
+    all
+}
+
 impl Fixed {
-    fn new(
-        grid: LatLong,
-        rows: &[f32],
-        observations: &Observations,
-        frames: usize,
-        shell: &Shell,
-    ) -> Self {
+    fn new(grid: LatLong, rows: &[f32], observations: &Observations, shells: &Shells) -> Self {
         let (mut offsets, mut texel, mut weight) = (vec![0u32], Vec::new(), Vec::new());
-        let mut corner: [Vec<u32>; 4] = Default::default();
-        let mut corner_weight: [Vec<f32>; 4] = Default::default();
-        let directions: Vec<Vec3> = (0..grid.len())
-            .map(|d| grid.texel_direction(d / grid.columns, d % grid.columns))
-            .collect();
-        for (row, patch) in rows.chunks_exact(grid.len()).zip(&observations.patches) {
+        for row in rows.chunks_exact(grid.len()) {
             for (d, &w) in row.iter().enumerate().filter(|(_, w)| **w > 0.0) {
                 texel.push(d as u32);
                 weight.push(w);
-                let lookup = shell.lookup(grid, patch.position, directions[d]);
-                for k in 0..4 {
-                    corner[k].push(lookup.index[k]);
-                    corner_weight[k].push(lookup.weight[k]);
-                }
             }
             offsets.push(texel.len() as u32);
         }
         let patches = observations.patches.len();
-        let dense = |part: &dyn Fn(&View, usize) -> f32| -> Arc<[f32]> {
-            let mut all = vec![0.0; 3 * patches * frames];
-            for view in &observations.views {
-                for c in 0..3 {
-                    all[(c * patches + view.patch as usize) * frames + view.frame as usize] =
-                        part(view, c);
+        let views = &observations.views;
+        let values = grouped(shells, patches, observations, &|i, c| views[i].value[c]);
+        let weights = grouped(shells, patches, observations, &|i, c| {
+            views[i].weight[c].sqrt()
+        });
+        let mut albedo_of = Vec::new();
+        let groups = shells
+            .groups
+            .iter()
+            .zip(values.into_iter().zip(weights))
+            .map(|(group, (value, root_weight))| {
+                let count = group.frames.len();
+                albedo_of.extend((0..3 * patches * count).map(|i| (i / count) as u32));
+                let (corner, corner_weight) =
+                    lookups(grid, &offsets, &texel, observations, group.shell);
+                FixedGroup {
+                    corner: corner.map(Into::into),
+                    corner_weight: corner_weight.map(Into::into),
+                    value: value.into(),
+                    root_weight: root_weight.into(),
                 }
-            }
-            all.into()
-        };
+            })
+            .collect();
         Self {
+            groups,
+            albedo_of: albedo_of.into(),
             offsets: offsets.into(),
             texel: texel.into(),
             weight: weight.into(),
-            corner: corner.map(Into::into),
-            corner_weight: corner_weight.map(Into::into),
-            value: dense(&|v, c| v.value[c]),
-            root_weight: dense(&|v, c| v.weight[c].sqrt()),
-            groups: (0..3 * patches * frames)
-                .map(|i| (i / frames) as u32)
-                .collect(),
         }
     }
+}
+
+/// Where the rays of all patches look masks up: four texels each, and their weights.
+fn lookups(
+    grid: LatLong,
+    offsets: &[u32],
+    texel: &[u32],
+    observations: &Observations,
+    shell: Shell,
+) -> ([Vec<u32>; 4], [Vec<f32>; 4]) {
+    let directions: Vec<Vec3> = (0..grid.len())
+        .map(|d| grid.texel_direction(d / grid.columns, d % grid.columns))
+        .collect();
+    let mut corner: [Vec<u32>; 4] = std::array::from_fn(|_| Vec::with_capacity(texel.len()));
+    let mut weight: [Vec<f32>; 4] = std::array::from_fn(|_| Vec::with_capacity(texel.len()));
+    for (ends, patch) in offsets.windows(2).zip(&observations.patches) {
+        for &d in &texel[ends[0] as usize..ends[1] as usize] {
+            let lookup = shell.lookup(mask_grid(grid), patch.position, directions[d as usize]);
+            for k in 0..4 {
+                corner[k].push(lookup.index[k]);
+                weight[k].push(lookup.weight[k]);
+            }
+        }
+    }
+    (corner, weight)
 }
 
 /// The model linearised at a point.
@@ -316,7 +394,7 @@ impl Linearisation for At<'_> {
     }
 
     fn groups(&self) -> &[u32] {
-        &self.shared.fixed.groups
+        &self.shared.fixed.albedo_of
     }
 
     fn jvp(&mut self, v: &[f32]) -> Vec<f32> {
@@ -325,24 +403,40 @@ impl Linearisation for At<'_> {
             .sky
             .as_mut()
             .map(|sky| self.shared.sky.push(sky, &v[occluders]));
+        let masks: Vec<(String, Vec<f32>)> = (0..self.shared.shells.groups.len())
+            .filter_map(|g| Some((named("mask", g), self.shared.columns(mask.as_ref()?, g))))
+            .collect();
         let mut direction = vec![("environment", &v[environment])];
-        if let Some(mask) = &mask {
-            direction.push(("mask", mask));
-        }
+        direction.extend(
+            masks
+                .iter()
+                .map(|(name, mask)| (name.as_str(), mask.as_slice())),
+        );
         self.shared
             .program
             .jvp(&mut self.ws, &direction)
             .expect("a direction of the model's own size");
-        self.ws
-            .tangent("residual")
-            .expect("an output of the model")
-            .to_vec()
+        self.shared
+            .joined(|name| self.ws.tangent(name))
+            .expect("outputs of the model")
     }
 
     fn vjp(&mut self, w: &[f32]) -> Vec<f32> {
+        let groups = &self.shared.shells.groups;
+        let mut rest = w;
+        let seeds: Vec<(String, &[f32])> = groups
+            .iter()
+            .enumerate()
+            .map(|(g, group)| {
+                let (own, others) = rest.split_at(3 * self.shared.patches * group.frames.len());
+                rest = others;
+                (named("residual", g), own)
+            })
+            .collect();
+        let seeds: Vec<(&str, &[f32])> = seeds.iter().map(|(n, w)| (n.as_str(), *w)).collect();
         self.shared
             .program
-            .vjp_with(&mut self.ws, &[("residual", w)])
+            .vjp_with(&mut self.ws, &seeds)
             .expect("a cotangent of the model's own size");
         let mut z = self
             .ws
@@ -350,18 +444,29 @@ impl Linearisation for At<'_> {
             .expect("a parameter of the model")
             .to_vec();
         if let Some(sky) = &mut self.sky {
-            let masks = self.ws.gradient("mask").expect("a parameter of the model");
-            z.extend(self.shared.sky.pull(sky, masks));
+            let frames = self.shared.shells.frames();
+            let mut masks = vec![0.0; self.shared.mask_grid().len() * frames];
+            for (g, group) in groups.iter().enumerate() {
+                let name = named("mask", g);
+                let own = self.ws.gradient(&name).expect("a parameter of the model");
+                for (to, from) in masks
+                    .chunks_exact_mut(frames)
+                    .zip(own.chunks_exact(group.frames.len()))
+                {
+                    group.frames.iter().zip(from).for_each(|(&t, &m)| to[t] = m);
+                }
+            }
+            z.extend(self.shared.sky.pull(sky, &masks));
         }
         z
     }
 }
 
-fn record(pyramid: &Pyramid) -> Result<Program, GraphError> {
+fn record(pyramid: &Pyramid, groups: usize) -> Result<Program, GraphError> {
     let g = Graph::new();
     let (level, texel, patch) = (g.domain("level"), g.domain("texel"), g.domain("patch"));
+    let mask_texel = g.domain("mask texel");
     let direction = g.segments("direction", &patch);
-    let frame = g.axis("frame");
 
     // Light (Eq. 7): luminance and two chroma components.
     let coefficients = g.param("environment", &level, 3) * g.input("deviation", &level, 1);
@@ -378,20 +483,29 @@ fn record(pyramid: &Pyramid) -> Result<Program, GraphError> {
 
     let arriving = radiance.gather(&g.index("own texel", &direction, &texel))
         * g.input("transport", &direction, 1);
-    let corners: Vec<_> = (0..4)
-        .map(|k| g.index(&format!("corner {k}"), &direction, &texel))
-        .collect();
-    let weights: Vec<_> = (0..4)
-        .map(|k| g.input(&format!("corner weight {k}"), &direction, 1))
-        .collect();
-    let lookups: Vec<_> = corners.iter().zip(&weights).collect();
-    let masks = g
-        .param_along("mask", &texel, 1, &frame)
-        .gather_weighted(&lookups);
-    let received = arriving.segment_dot(&masks);
-
     let albedo = g.param("albedo", &patch, 3);
-    let value = g.input_along("value", &patch, 3, &frame);
-    let residual = (albedo * received - value) * g.input_along("root weight", &patch, 3, &frame);
-    g.compile::<_, Differentiable>(&[("residual", &residual), ("radiance", &radiance)])
+    let mut residuals = Vec::with_capacity(groups);
+    for group in 0..groups {
+        let frame = g.axis(&named("frame", group));
+        let corners = CORNERS.map(|k| g.index(&named(k, group), &direction, &mask_texel));
+        let weights = WEIGHTS.map(|k| g.input(&named(k, group), &direction, 1));
+        let lookups: Vec<_> = corners.iter().zip(&weights).collect();
+        let masks = g
+            .param_along(&named("mask", group), &mask_texel, 1, &frame)
+            .gather_weighted(&lookups);
+        let received = arriving.segment_dot(&masks);
+        let value = g.input_along(&named("value", group), &patch, 3, &frame);
+        let weight = g.input_along(&named("root weight", group), &patch, 3, &frame);
+        residuals.push((
+            named("residual", group),
+            (&albedo * received - value) * weight,
+        ));
+    }
+    let mut outputs: Vec<(&str, &Var)> = vec![("radiance", &radiance)];
+    outputs.extend(
+        residuals
+            .iter()
+            .map(|(name, residual)| (name.as_str(), residual)),
+    );
+    g.compile::<_, Differentiable>(&outputs)
 }

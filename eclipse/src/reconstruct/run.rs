@@ -358,9 +358,8 @@ impl Run<'_> {
     fn masks(&self, shared: &Shared, z: &[f32]) -> Result<Option<Masks>, autodiff::RunError> {
         let share = shared.masks(z)?;
         Ok((!share.is_empty()).then_some(Masks {
-            grid: shared.grid,
-            shell: shared.shell,
-            frames: self.capture.frames.len(),
+            grid: shared.mask_grid(),
+            shells: shared.shells.clone(),
             share,
         }))
     }

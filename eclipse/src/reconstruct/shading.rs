@@ -12,17 +12,15 @@ use render::{
     transport::Quadrature,
 };
 
-use super::shell::Shell;
+use super::shell::{MOST_GROUPS, Shells};
 
 /// Unseen occluders, as plain numbers.
 #[derive(Clone, Debug)]
 pub struct Masks {
     /// The masks' grid.
     pub grid: LatLong,
-    /// The surface they are painted on.
-    pub shell: Shell,
-    /// How many frames.
-    pub frames: usize,
+    /// The surfaces they are painted on.
+    pub shells: Shells,
     /// Transmittance, `[texel][frame]`.
     pub share: Vec<f32>,
 }
@@ -30,22 +28,27 @@ pub struct Masks {
 impl Masks {
     /// The share of light that reaches `point` from the unit `direction`, for each of `frames`.
     fn lookup(&self, point: Vec3, direction: Vec3, frames: &[u32], share: &mut [f32]) {
-        let around = self.shell.lookup(self.grid, point, direction);
-        share.fill(0.0);
-        for (&texel, &weight) in around.index.iter().zip(&around.weight) {
-            let of_texel = &self.share[texel as usize * self.frames..][..self.frames];
-            for (share, &frame) in share.iter_mut().zip(frames) {
-                *share += weight * of_texel[frame as usize];
-            }
+        let count = self.shells.frames();
+        let mut around = [None; MOST_GROUPS];
+        for (share, &frame) in share.iter_mut().zip(frames) {
+            let group = self.shells.place[frame as usize][0];
+            let shell = self.shells.groups[group].shell;
+            let lookup =
+                around[group].get_or_insert_with(|| shell.lookup(self.grid, point, direction));
+            *share = (0..4)
+                .map(|q| {
+                    lookup.weight[q] * self.share[lookup.index[q] as usize * count + frame as usize]
+                })
+                .sum();
         }
     }
 
     /// What is seen of them from the origin: a map of `rows` × 2·`rows` a frame.
     pub fn images(&self, rows: usize) -> Vec<Image> {
         let to = LatLong::new(rows, 2 * rows);
-        let all: Vec<u32> = (0..self.frames as u32).collect();
-        let mut images = vec![Image::filled(to.columns, to.rows, 1, 1.0); self.frames];
-        let mut share = vec![1.0; self.frames];
+        let all: Vec<u32> = (0..self.shells.frames() as u32).collect();
+        let mut images = vec![Image::filled(to.columns, to.rows, 1, 1.0); all.len()];
+        let mut share = vec![1.0; all.len()];
         for texel in 0..to.len() {
             let direction = to.texel_direction(texel / to.columns, texel % to.columns);
             self.lookup(Vec3::ZERO, direction, &all, &mut share);

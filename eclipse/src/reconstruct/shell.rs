@@ -1,6 +1,7 @@
-//! Where a ray from a surface point looks the masks up: one surface around the object for all frames.
+//! Where a ray from a surface point looks the masks up: surfaces around the object, each shared by a group of frames.
 //!
-//! Frames share their lookups, so that the tape works on all of them at once; that is exact when the cameras' distances agree.
+//! Frames of a group share their lookups, so that the tape works on all of them at once; that is exact when their cameras'
+//! distances agree, and a group holds only frames whose distances nearly do.
 
 use glam::Vec3;
 use render::{
@@ -23,18 +24,6 @@ pub enum Shell {
 const FAR: f32 = 3.0;
 
 impl Shell {
-    /// The sphere at the cameras' mean distance.
-    pub fn sphere<'a>(cameras: impl Iterator<Item = &'a Camera>) -> Self {
-        Self::Sphere(mean(cameras.map(|camera| camera.distance())))
-    }
-
-    /// The cylinder at the cameras' mean horizontal distance.
-    pub fn cylinder<'a>(cameras: impl Iterator<Item = &'a Camera>) -> Self {
-        Self::Cylinder(mean(
-            cameras.map(|camera| camera.centre().truncate().length()),
-        ))
-    }
-
     /// The direction from the origin of the place where a ray from `point` leaves the shell.
     pub fn direction(&self, point: Vec3, direction: Vec3) -> Vec3 {
         match *self {
@@ -55,7 +44,104 @@ impl Shell {
     }
 }
 
-fn mean(values: impl Iterator<Item = f32>) -> f32 {
-    let (sum, count) = values.fold((0.0, 0), |(sum, count), v| (sum + v, count + 1));
-    sum / count.max(1) as f32
+/// The shells of all frames.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Shells {
+    /// Frames that share a shell.
+    pub groups: Vec<Group>,
+    /// For every frame its group and its place in it.
+    pub place: Vec<[usize; 2]>,
+}
+
+/// Frames that share a shell.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Group {
+    /// Where their rays look masks up.
+    pub shell: Shell,
+    /// The frames, ascending.
+    pub frames: Vec<usize>,
+}
+
+/// Distances within a group differ by less than about this ratio.
+const SPREAD: f32 = 1.15;
+/// No more groups than keep this many frames in each: the tape works on a group's frames side by side.
+const LEAST_FRAMES: usize = 12;
+
+/// Most groups.
+pub const MOST_GROUPS: usize = 6;
+
+impl Shells {
+    /// Spheres at the cameras' distances.
+    pub fn spheres<'a>(cameras: impl Iterator<Item = &'a Camera>) -> Self {
+        let distances: Vec<f32> = cameras.map(Camera::distance).collect();
+        Self::group(&distances, Shell::Sphere)
+    }
+
+    /// Cylinders at these horizontal distances.
+    pub fn cylinders(distances: &[f32]) -> Self {
+        Self::group(distances, Shell::Cylinder)
+    }
+
+    /// Equal parts of the frames in the order of their distances, each at its mean distance.
+    fn group(distances: &[f32], shell: fn(f32) -> Shell) -> Self {
+        let mut order: Vec<usize> = (0..distances.len()).collect();
+        order.sort_by(|&a, &b| distances[a].total_cmp(&distances[b]).then(a.cmp(&b)));
+        let ratio = match (order.first(), order.last()) {
+            (Some(&near), Some(&far)) => distances[far] / distances[near].max(1e-9),
+            _ => 1.0,
+        };
+        let wanted = (ratio.ln() / SPREAD.ln()).ceil().max(1.0) as usize;
+        let count = wanted.min(order.len() / LEAST_FRAMES).clamp(1, MOST_GROUPS);
+        let mut place = vec![[0; 2]; order.len()];
+        let groups = (0..count)
+            .map(|g| {
+                let range = g * order.len() / count..(g + 1) * order.len() / count;
+                let mut frames = order[range].to_vec();
+                frames.sort_unstable();
+                for (k, &frame) in frames.iter().enumerate() {
+                    place[frame] = [g, k];
+                }
+                let sum: f32 = frames.iter().map(|&t| distances[t]).sum();
+                Group {
+                    shell: shell(sum / frames.len().max(1) as f32),
+                    frames,
+                }
+            })
+            .collect();
+        Self { groups, place }
+    }
+
+    /// How many frames.
+    pub fn frames(&self) -> usize {
+        self.place.len()
+    }
+
+    /// The shell of a frame.
+    pub fn of(&self, frame: usize) -> Shell {
+        self.groups[self.place[frame][0]].shell
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_frame_is_in_one_group_of_its_own_distance() {
+        let distances: Vec<f32> = (0..64)
+            .map(|t| 2.9 + 2.1 * ((t * 37 % 64) as f32) / 63.0)
+            .collect();
+        let shells = Shells::cylinders(&distances);
+        assert!(shells.groups.len() > 1);
+        for (t, distance) in distances.iter().enumerate() {
+            let [group, k] = shells.place[t];
+            assert_eq!(shells.groups[group].frames[k], t);
+            let Shell::Cylinder(radius) = shells.of(t) else {
+                panic!()
+            };
+            assert!((radius / distance).ln().abs() < 0.15, "{radius} {distance}");
+        }
+        assert_eq!(Shells::cylinders(&[2.0; 64]).groups.len(), 1);
+        assert_eq!(Shells::cylinders(&[]).frames(), 0);
+    }
 }

@@ -70,7 +70,7 @@ impl SkyModel {
         let pyramid = Pyramid::new(TEXTURE, TEXTURE_DEVIATIONS.len());
         let deviation = level_deviations(&pyramid, &TEXTURE_DEVIATIONS);
         let program = record_cutout(&pyramid)?;
-        let start = cutout::person(2.8, 0.35);
+        let start = cutout::person(2.2, 0.3);
         Ok(Self::Cutout(Box::new(CutoutModel {
             stands,
             start,
