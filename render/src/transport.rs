@@ -110,6 +110,15 @@ impl Quadrature {
         sparse(&dense)
     }
 
+    /// The mean of the rows of some points, of which there must be at least one.
+    pub fn mean_row(&self, bvh: &Bvh, points: &[SurfacePoint]) -> TransportRow {
+        let mut dense = vec![0.0; self.grid.len()];
+        for point in points {
+            self.accumulate(bvh, point, 1.0 / points.len() as f32, &mut dense);
+        }
+        sparse(&dense)
+    }
+
     /// The rows of many points, in their order, in parallel.
     pub fn rows(&self, bvh: &Bvh, points: &[SurfacePoint]) -> Vec<TransportRow> {
         points

@@ -1,34 +1,25 @@
 //! From light and occluders to everything a run leaves: albedo at pixel resolution, images through each camera, scores.
 
-use glam::Vec3;
 use rayon::prelude::*;
-use render::{
-    bvh::{Bvh, SurfacePoint},
-    image::Image,
-    lat_long::LatLong,
-    transport::Quadrature,
-};
+use render::{bvh::Bvh, image::Image, lat_long::LatLong};
 
 use super::{
-    patches::{Observations, PatchOptions},
-    shading::{Lobe, Masks, Sample, Scene, Shade, albedo},
+    shading::{Lobe, Masks, Scene, Shade},
     sites::{Blend, Sites},
+    surface::{Surface, eyes},
 };
 use crate::{
     capture::Frame,
     reconstruction::{Noise, VertexMaterial},
 };
 
-/// Share of a value left to what the model cannot explain; it evens out the frames' say in the albedo.
-const MODEL_ERROR: f32 = 0.03;
-/// Most sites: beyond, they are coarser than pixels, and finding what they see takes no more than the solve.
-const MOST_SITES: usize = 6_000;
-
 /// The light and the occluders that a solve found.
 #[derive(Clone, Copy)]
 pub struct Found<'a> {
     /// The object.
     pub bvh: &'a Bvh,
+    /// Its surface in fine.
+    pub surface: &'a Surface,
     /// Photographs.
     pub frames: &'a [Frame],
     /// Their noise.
@@ -65,15 +56,10 @@ pub struct Finished {
     pub renders: Vec<Image>,
 }
 
-/// Fits the albedo finely to the pixels that `used` allows (frame, pixel), and renders every frame.
-pub fn finish(found: &Found<'_>, used: &(dyn Fn(usize, u32) -> bool + Sync)) -> Finished {
+/// Fits the albedo finely to the pixels of the surface's sites, and renders every frame.
+pub fn finish(found: &Found<'_>) -> Finished {
     let frames = found.frames;
-    let options = PatchOptions {
-        count: sites_for(frames),
-        members: 2,
-        model_error: MODEL_ERROR,
-    };
-    let seen = Observations::gather(found.bvh, frames, found.noise, &options, found.seed, used);
+    let seen = &found.surface.seen;
     if seen.patches.is_empty() {
         return nothing(found);
     }
@@ -88,24 +74,12 @@ pub fn finish(found: &Found<'_>, used: &(dyn Fn(usize, u32) -> bool + Sync)) -> 
         .map(|frame| sites.pixels(found.bvh, frame))
         .collect();
 
-    let shades = shades(found, &seen, &pixels);
-    let offsets = seen.offsets();
+    let shades = shades(found, &pixels);
     let fitted: Vec<([f32; 3], [f32; 3])> = (0..sites.len())
         .into_par_iter()
-        .map(|s| {
-            let views = &seen.views[offsets[s] as usize..offsets[s + 1] as usize];
-            let samples: Vec<Sample> = views
-                .iter()
-                .map(|v| Sample {
-                    frame: v.frame,
-                    value: v.value,
-                    weight: v.weight,
-                })
-                .collect();
-            albedo(&samples, &shades[s])
-        })
+        .map(|s| found.surface.albedo(s, &shades[s]))
         .collect();
-    let surface = Surface::new(&fitted, found.lobe);
+    let surface = Fitted::new(&fitted, found.lobe);
 
     let images = frames.iter().zip(&pixels).enumerate();
     let (materials, renders) = images
@@ -125,23 +99,10 @@ pub fn finish(found: &Found<'_>, used: &(dyn Fn(usize, u32) -> bool + Sync)) -> 
     }
 }
 
-/// Sites about a pixel apart: a view shows about a third of the surface.
-fn sites_for(frames: &[Frame]) -> usize {
-    let inside = |frame: &Frame| frame.mask.data.iter().filter(|&&m| m > 0.5).count();
-    let all: usize = frames.iter().map(inside).sum();
-    (3 * all / frames.len().max(1)).clamp(64, MOST_SITES)
-}
-
 /// Of every site, in the frames that see it or interpolate from it.
-fn shades(
-    found: &Found<'_>,
-    seen: &Observations,
-    pixels: &[Vec<Option<Blend>>],
-) -> Vec<Vec<Shade>> {
-    let mut frames: Vec<Vec<u32>> = vec![Vec::new(); seen.patches.len()];
-    for view in &seen.views {
-        frames[view.patch as usize].push(view.frame);
-    }
+fn shades(found: &Found<'_>, pixels: &[Vec<Option<Blend>>]) -> Vec<Vec<Shade>> {
+    let sites: Vec<usize> = (0..found.surface.places.len()).collect();
+    let mut frames = found.surface.frames(&sites);
     for (t, pixels) in pixels.iter().enumerate() {
         for (site, _) in pixels.iter().flatten().flatten() {
             let frames = &mut frames[*site as usize];
@@ -154,29 +115,25 @@ fn shades(
         frames.sort_unstable();
         frames.dedup();
     });
-    let eyes: Vec<Vec3> = found.frames.iter().map(|f| f.camera.centre()).collect();
-    let quadrature = Quadrature::new(found.grid, 1);
     let scene = Scene {
-        bvh: found.bvh,
-        quadrature: &quadrature,
+        grid: found.grid,
         radiance: found.radiance,
         occluders: found.occluders,
         lobe: found.lobe,
-        eyes: &eyes,
+        eyes: &eyes(found.frames),
     };
-    let places: Vec<&[SurfacePoint]> = seen.patches.iter().map(|p| p.members.as_slice()).collect();
-    scene.shades(&places, &frames)
+    found.surface.shades(&scene, &sites, &frames)
 }
 
 /// Materials at the sites.
-struct Surface {
+struct Fitted {
     albedo: Vec<[f32; 3]>,
     /// How much a site counts beside its neighbours, of (0, 1].
     sure: Vec<f32>,
     lobe: Option<Lobe>,
 }
 
-impl Surface {
+impl Fitted {
     fn new(fitted: &[([f32; 3], [f32; 3])], lobe: Option<Lobe>) -> Self {
         let total = |sure: &[f32; 3]| sure.iter().sum::<f32>();
         let mut sorted: Vec<f32> = fitted.iter().map(|(_, sure)| total(sure)).collect();

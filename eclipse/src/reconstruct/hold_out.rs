@@ -113,7 +113,8 @@ impl Data {
         };
         let seen =
             Observations::gather(found.bvh, frames, found.noise, &options, found.seed, &used);
-        let grid = shared.grid;
+        let grid = found.grid;
+        let radiance = found.radiance;
         let rows = transport::rows(found.bvh, &Quadrature::new(grid, 2), &seen.patches);
         let rays = seen
             .patches
@@ -125,9 +126,13 @@ impl Data {
                     let direction =
                         grid.texel_direction(texel / grid.columns, texel % grid.columns);
                     Ray {
-                        light: std::array::from_fn(|c| weight * found.radiance[3 * texel + c]),
+                        light: std::array::from_fn(|c| weight * radiance[3 * texel + c]),
                         lookup: (shared.shells.groups.iter())
-                            .map(|group| group.shell.lookup(shared.mask_grid(), patch.position, direction))
+                            .map(|group| {
+                                group
+                                    .shell
+                                    .lookup(shared.mask_grid(), patch.position, direction)
+                            })
                             .collect(),
                     }
                 })

@@ -1,21 +1,17 @@
-//! The specular lobe of a whole object, and what it adds to the photographs beyond a diffuse surface.
-//!
-//! Light and occluders are solved for as if the surface were diffuse, on photographs from which the rest of the current
-//! model (the coat's own reflection, and the diffuse light it takes away) is subtracted: a fixed-point iteration that
-//! converges because the rest is a small part of the light. The lobe itself is fitted with light and occluders held.
+//! The specular lobe of a whole object, fitted with light and occluders held.
+
+use std::ops::Range;
 
 use rayon::prelude::*;
-use render::bvh::SurfacePoint;
 
 use super::{
-    patches::{Observations, View},
+    patches::View,
     shading::{Lobe, Scene, Shade},
+    surface::Surface,
 };
 
-/// About how many patches the lobe is fitted to.
-const FITTED_PATCHES: usize = 250;
-/// Members of a patch that stand for it.
-const MEMBERS: usize = 2;
+/// About how many sites the lobe is fitted to.
+const FITTED_SITES: usize = 300;
 /// The narrowest lobe: beyond, the grid of light is too coarse to tell.
 const NARROWEST: f32 = 0.08;
 /// Precision of the albedo's tie to one half.
@@ -23,14 +19,17 @@ const TIE: f64 = 16.0;
 
 /// The lobe that explains the photographs best under this light and these occluders.
 ///
-/// `scene.lobe` is ignored. The albedo of every patch is eliminated in closed form.
-pub fn fit(scene: &Scene<'_>, seen: &Observations) -> Lobe {
-    let step = seen.patches.len().div_ceil(FITTED_PATCHES).max(1);
-    let patches: Vec<usize> = (0..seen.patches.len()).step_by(step).collect();
-    let views = Views::new(seen, &patches);
-    let at = |alpha: f32, kappa: f32| {
+/// `scene.lobe` is ignored. The albedo of every site is eliminated in closed form.
+pub fn fit(scene: &Scene<'_>, surface: &Surface) -> Lobe {
+    let step = surface.places.len().div_ceil(FITTED_SITES).max(1);
+    let sites: Vec<usize> = (0..surface.places.len()).step_by(step).collect();
+    let frames = surface.frames(&sites);
+    let views = Views::new(surface, &sites);
+    let at = |alpha: f32, kappa: f32| -> Vec<Shade> {
         let lobe = Some(Lobe { alpha, kappa });
-        views.shades(&Scene { lobe, ..*scene }, seen)
+        surface
+            .shades(&Scene { lobe, ..*scene }, &sites, &frames)
+            .concat()
     };
     // The model is polynomial in κ: the diffuse part goes with (1 − κ)², the specular part is linear. Two renders span it.
     let best_kappa = |alpha: f32| {
@@ -51,78 +50,27 @@ pub fn fit(scene: &Scene<'_>, seen: &Observations) -> Lobe {
     Lobe { alpha, kappa }
 }
 
-/// What `lobe` adds to every view beyond a diffuse surface of the same albedo, linear RGB.
-pub fn correction(scene: &Scene<'_>, seen: &Observations, lobe: Lobe) -> Vec<[f32; 3]> {
-    let patches: Vec<usize> = (0..seen.patches.len()).collect();
-    let views = Views::new(seen, &patches);
-    let plain = views.shades(
-        &Scene {
-            lobe: None,
-            ..*scene
-        },
-        seen,
-    );
-    let coated = Scene {
-        lobe: Some(lobe),
-        ..*scene
-    };
-    let coated = views.shades(&coated, seen);
-    let mut all = vec![[0.0; 3]; views.views.len()];
-    for group in &views.groups {
-        for c in 0..3 {
-            let part = |v: usize| (coated[v].diffuse[c], coated[v].specular[c]);
-            let albedo = views.albedo(group.clone(), c, &part);
-            for v in group.clone() {
-                let (diffuse, specular) = part(v);
-                all[v][c] = albedo * (diffuse - plain[v].diffuse[c]) + specular;
-            }
-        }
-    }
-    all
-}
-
-/// The views of some patches, patch by patch.
+/// The views of some sites, site by site.
 struct Views {
-    patches: Vec<usize>,
     views: Vec<View>,
-    groups: Vec<std::ops::Range<usize>>,
+    groups: Vec<Range<usize>>,
 }
 
 impl Views {
-    fn new(seen: &Observations, patches: &[usize]) -> Self {
-        let offsets = seen.offsets();
+    fn new(surface: &Surface, sites: &[usize]) -> Self {
         let (mut views, mut groups) = (Vec::new(), Vec::new());
-        for &p in patches {
+        for &s in sites {
             let start = views.len();
-            views.extend_from_slice(&seen.views[offsets[p] as usize..offsets[p + 1] as usize]);
+            views.extend_from_slice(&surface.seen.views[surface.views(s)]);
             groups.push(start..views.len());
         }
-        Self {
-            patches: patches.to_vec(),
-            views,
-            groups,
-        }
+        Self { views, groups }
     }
 
-    /// The shade of every view.
-    fn shades(&self, scene: &Scene<'_>, seen: &Observations) -> Vec<Shade> {
-        let members = |&p: &usize| -> &[SurfacePoint] {
-            let all = &seen.patches[p].members;
-            &all[..all.len().min(MEMBERS)]
-        };
-        let places: Vec<&[SurfacePoint]> = self.patches.iter().map(members).collect();
-        let frames: Vec<Vec<u32>> = self
-            .groups
-            .iter()
-            .map(|group| self.views[group.clone()].iter().map(|v| v.frame).collect())
-            .collect();
-        scene.shades(&places, &frames).concat()
-    }
-
-    /// Half the weighted square of what remains, each patch's albedo at its best; `part` is a view's diffuse and specular
+    /// Half the weighted square of what remains, each site's albedo at its best; `part` is a view's diffuse and specular
     /// light in a channel.
     fn cost(&self, part: impl Fn(usize, usize) -> (f32, f32) + Sync) -> f64 {
-        let of_group = |group: &std::ops::Range<usize>| -> f64 {
+        let of_group = |group: &Range<usize>| -> f64 {
             (0..3)
                 .map(|c| {
                     let part = |v: usize| part(v, c);
@@ -143,12 +91,7 @@ impl Views {
         costs.iter().sum()
     }
 
-    fn albedo(
-        &self,
-        group: std::ops::Range<usize>,
-        c: usize,
-        part: &dyn Fn(usize) -> (f32, f32),
-    ) -> f32 {
+    fn albedo(&self, group: Range<usize>, c: usize, part: &dyn Fn(usize) -> (f32, f32)) -> f32 {
         let (mut top, mut bottom) = (0.5 * TIE, TIE);
         for v in group {
             let (diffuse, specular) = part(v);

@@ -2,6 +2,7 @@
 
 pub mod adam;
 pub mod cutout;
+pub mod detail;
 pub mod fast;
 pub mod finish;
 pub mod hold_out;
@@ -17,6 +18,7 @@ pub mod shading;
 pub mod shell;
 pub mod sites;
 pub mod sky;
+pub mod surface;
 pub mod transport;
 
 pub use run::{ReconstructError, run};

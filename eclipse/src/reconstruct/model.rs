@@ -12,8 +12,9 @@ use glam::Vec3;
 use render::{lat_long::LatLong, maps::PyramidMap, pyramid::Pyramid};
 
 use super::{
+    detail::Data,
     least_squares::{self, Linearisation},
-    patches::Observations,
+    patches::{Observations, View},
     pyramid::level_deviations,
     shell::{Shell, Shells},
     sky::{SkyAt, SkyModel},
@@ -217,13 +218,22 @@ impl Shared {
             .collect()
     }
 
-    /// Fits the photographs less `part` (linear RGB of every view) from here on; `observations` are those of [`Shared::new`].
-    pub fn subtract(&mut self, observations: &Observations, part: &[[f32; 3]]) {
-        let value = grouped(&self.shells, self.patches, observations, &|i, c| {
-            observations.views[i].value[c] - part[i][c]
-        });
-        for (group, value) in self.fixed.groups.iter_mut().zip(value) {
+    /// Fits these values (linear RGB of every view) with these weights from here on; `observations` are those of
+    /// [`Shared::new`].
+    pub fn fit_to(&mut self, observations: &Observations, data: &Data) {
+        let group = |part: &dyn Fn(usize, usize) -> f32| {
+            grouped(&self.shells, self.patches, observations, part)
+        };
+        let value = group(&|i, c| data.value[i][c]);
+        let weight = group(&|i, c| data.weight[i][c].sqrt());
+        for (group, (value, weight)) in self
+            .fixed
+            .groups
+            .iter_mut()
+            .zip(value.into_iter().zip(weight))
+        {
             group.value = value.into();
+            group.root_weight = weight.into();
         }
     }
 
@@ -373,6 +383,25 @@ pub struct At<'a> {
 }
 
 impl At<'_> {
+    /// What the model says about every view, linear RGB.
+    ///
+    /// # Errors
+    /// As [`Shared::masks`].
+    pub fn predicted(&self, observations: &Observations) -> Result<Vec<[f32; 3]>, RunError> {
+        let shared = self.shared;
+        let mut predicted = Vec::with_capacity(shared.shells.groups.len());
+        for g in 0..shared.shells.groups.len() {
+            predicted.push(self.ws.output(&named("predicted", g))?);
+        }
+        let of_view = |view: &View| {
+            let [group, k] = shared.shells.place[view.frame as usize];
+            let count = shared.shells.groups[group].frames.len();
+            let row = |c: usize| c * shared.patches + view.patch as usize;
+            std::array::from_fn(|c| predicted[group][row(c) * count + k])
+        };
+        Ok(observations.views.iter().map(of_view).collect())
+    }
+
     /// Radiance, `[texel][channel]`.
     ///
     /// # Errors
@@ -484,7 +513,7 @@ fn record(pyramid: &Pyramid, groups: usize) -> Result<Program, GraphError> {
     let arriving = radiance.gather(&g.index("own texel", &direction, &texel))
         * g.input("transport", &direction, 1);
     let albedo = g.param("albedo", &patch, 3);
-    let mut residuals = Vec::with_capacity(groups);
+    let mut outputs = vec![("radiance".to_owned(), radiance)];
     for group in 0..groups {
         let frame = g.axis(&named("frame", group));
         let corners = CORNERS.map(|k| g.index(&named(k, group), &direction, &mask_texel));
@@ -496,16 +525,13 @@ fn record(pyramid: &Pyramid, groups: usize) -> Result<Program, GraphError> {
         let received = arriving.segment_dot(&masks);
         let value = g.input_along(&named("value", group), &patch, 3, &frame);
         let weight = g.input_along(&named("root weight", group), &patch, 3, &frame);
-        residuals.push((
-            named("residual", group),
-            (&albedo * received - value) * weight,
-        ));
+        let predicted = &albedo * received;
+        outputs.push((named("residual", group), (&predicted - value) * weight));
+        outputs.push((named("predicted", group), predicted));
     }
-    let mut outputs: Vec<(&str, &Var)> = vec![("radiance", &radiance)];
-    outputs.extend(
-        residuals
-            .iter()
-            .map(|(name, residual)| (name.as_str(), residual)),
-    );
+    let outputs: Vec<(&str, &Var)> = outputs
+        .iter()
+        .map(|(name, value)| (name.as_str(), value))
+        .collect();
     g.compile::<_, Differentiable>(&outputs)
 }

@@ -2,15 +2,15 @@
 
 use std::{collections::BTreeMap, time::Instant};
 
-use render::{bvh::Bvh, mesh::MeshError};
+use render::{bvh::Bvh, lat_long::LatLong, mesh::MeshError};
 
-mod coat;
 mod frames;
+mod round;
 mod schedule;
 
-use coat::Coat;
 use frames::Frames;
-use schedule::{FINISH_SHARE, Place, ROUNDS, SECOND_DAMPING, STAGES};
+use round::RoundStart;
+use schedule::{FINISH_SHARE, Place, SECOND_DAMPING, STAGES};
 
 use super::{
     fast::{self, Problem, Stage, Start},
@@ -20,6 +20,7 @@ use super::{
     noise,
     paper::{self, PaperError},
     shading::{Lobe, Masks},
+    surface::Surface,
 };
 use crate::{
     capture::Capture,
@@ -65,17 +66,26 @@ pub fn run(
         curve: Vec::new(),
         ended: Ended::Converged,
         failed: None,
-        coat: None,
+        round: None,
     };
     let ([mut first, mut round], mut start) = match control.resume {
         Some(checkpoint) => run.resume(checkpoint)?,
         None => ([0; 2], None),
     };
-    let rounds = if settings.lambertian { 1 } else { ROUNDS };
     let used = |frame: usize, _: u32| frames.fitted(frame);
+    run.report("visibility of the surface", f64::NAN, 0.0);
+    let grid = LatLong::new(settings.grid_rows, 2 * settings.grid_rows);
+    let surface = Surface::new(
+        &bvh,
+        &capture.frames,
+        &run.noise,
+        grid,
+        settings.seed,
+        &used,
+    );
     let mut last: Option<(Shared, Vec<f32>)> = None;
     while first < STAGES.len() {
-        let (name, mut stage) = STAGES[first];
+        let (name, mut stage, rounds) = STAGES[first];
         stage.rows = stage.rows.min(settings.grid_rows);
         run.report("visibility of the surface", f64::NAN, 0.0);
         let problem = Problem {
@@ -91,38 +101,32 @@ pub fn run(
         if observations.views.is_empty() {
             return Err(ReconstructError::NothingToFit);
         }
-        let resumed = start.is_some();
+        let mut resumed = start.is_some();
         let mut from = match (start.take(), &last) {
             (Some(start), _) => start,
             (None, Some((coarse, z))) => Start::from(fast::refine(coarse, z, &shared)),
             (None, None) => Start::from(vec![0.0; shared.parameters()]),
         };
-        if from.z.len() != shared.parameters() {
-            return Err(ReconstructError::Checkpoint(CheckpointError::Array {
-                name: "z".into(),
-                expected: format!("{} f32", shared.parameters()),
-                found: format!("{} f32", from.z.len()),
-            }));
+        for z in [
+            Some(&from.z),
+            resumed.then(|| run.round.as_ref().map(|r| &r.z)).flatten(),
+        ] {
+            check_length(z, shared.parameters())?;
         }
-        let steps = stage.steps;
-        let mut coated = resumed;
-        loop {
-            if !settings.lambertian && !coated && (first, round) != (0, 0) {
-                run.report("specular reflection", f64::NAN, 0.0);
-                run.coat = Some(run.coat(&bvh, &shared, &observations, &from.z)?);
+        while round < rounds {
+            // The very first steps are far from everything: patches alone will do.
+            if (first, round) != (0, 0) {
+                run.report("finer model", f64::NAN, 0.0);
+                let known = run.round.take().filter(|_| resumed);
+                let (z, lobe) = match &known {
+                    Some(begun) => (&begun.z, begun.lobe),
+                    None => (&from.z, None),
+                };
+                let (begun, data) = run.round(&surface, &shared, &observations, z, lobe)?;
+                shared.fit_to(&observations, &data);
+                run.round = Some(begun);
             }
-            coated = false;
-            if let Some(coat) = &run.coat {
-                if coat.part.len() != observations.views.len() {
-                    return Err(ReconstructError::Checkpoint(CheckpointError::Array {
-                        name: "coat".into(),
-                        expected: format!("{} f32", 3 * observations.views.len()),
-                        found: format!("{} f32", 3 * coat.part.len()),
-                    }));
-                }
-                shared.subtract(&observations, &coat.part);
-            }
-            stage.steps = steps * (round + 1) / rounds;
+            resumed = false;
             let place = Place {
                 stage: first,
                 round,
@@ -132,10 +136,9 @@ pub fn run(
             round += 1;
             from = Start {
                 damping: SECOND_DAMPING,
-                step: steps * round / rounds,
                 ..Start::from(z)
             };
-            if run.ended != Ended::Converged || round >= rounds {
+            if run.ended != Ended::Converged {
                 break;
             }
         }
@@ -146,7 +149,18 @@ pub fn run(
         (first, round) = (first + 1, 0);
     }
     let (shared, z) = last.ok_or(ReconstructError::NothingToFit)?;
-    run.finish(&bvh, &frames, &shared, &z)
+    run.finish(&bvh, &surface, &frames, &shared, &z)
+}
+
+fn check_length(z: Option<&Vec<f32>>, expected: usize) -> Result<(), CheckpointError> {
+    match z {
+        Some(z) if z.len() != expected => Err(CheckpointError::Array {
+            name: "z".into(),
+            expected: format!("{expected} f32"),
+            found: format!("{} f32", z.len()),
+        }),
+        _ => Ok(()),
+    }
 }
 
 /// Why a reconstruction could not be made.
@@ -188,7 +202,8 @@ struct Run<'a> {
     curve: Vec<CurvePoint>,
     ended: Ended,
     failed: Option<CheckpointError>,
-    coat: Option<Coat>,
+    /// Where the present round began; none on patches alone.
+    round: Option<RoundStart>,
 }
 
 impl Run<'_> {
@@ -287,9 +302,10 @@ impl Run<'_> {
         let curve = self.curve.iter();
         let curve =
             curve.flat_map(|p| [p.iteration as f64, p.seconds, p.loss, p.samples_per_second]);
-        let coat = self.coat.as_ref();
-        let lobe = coat.map_or(Vec::new(), |c| vec![c.lobe.alpha, c.lobe.kappa]);
-        let part = coat.map_or(Vec::new(), |c| c.part.as_flattened().to_vec());
+        let begun = self.round.as_ref();
+        let lobe = begun.and_then(|begun| begun.lobe);
+        let lobe = lobe.map_or(Vec::new(), |lobe| vec![lobe.alpha, lobe.kappa]);
+        let begun = begun.map_or(Vec::new(), |begun| begun.z.clone());
         Checkpoint {
             settings: self.settings.clone(),
             capture: self.fingerprint,
@@ -308,7 +324,7 @@ impl Run<'_> {
                 ),
                 ("curve".to_owned(), Array::F64(curve.collect())),
                 ("lobe".to_owned(), Array::F32(lobe)),
-                ("coat".to_owned(), Array::F32(part)),
+                ("round".to_owned(), Array::F32(begun)),
             ]),
         }
     }
@@ -323,15 +339,14 @@ impl Run<'_> {
             Some(Array::F64(values)) => values.len() / 4 * 4,
             _ => 0,
         };
-        if length("lobe") > 0 {
-            let lobe = checkpoint.f32s("lobe", 2)?;
-            let part = checkpoint.f32s("coat", length("coat") / 3 * 3)?;
-            self.coat = Some(Coat {
-                lobe: Lobe {
+        if length("round") > 0 {
+            let lobe = checkpoint.f32s("lobe", length("lobe").min(2))?;
+            self.round = Some(RoundStart {
+                z: checkpoint.f32s("round", length("round"))?.to_vec(),
+                lobe: (lobe.len() == 2).then(|| Lobe {
                     alpha: lobe[0],
                     kappa: lobe[1],
-                },
-                part: part.as_chunks().0.to_vec(),
+                }),
             });
         }
         let z = checkpoint.f32s("z", length("z"))?.to_vec();
@@ -349,7 +364,7 @@ impl Run<'_> {
             .collect();
         self.before = checkpoint.seconds;
         let stage = (place[0] as usize).min(STAGES.len() - 1);
-        let round = (place[1] as usize).min(ROUNDS - 1);
+        let round = (place[1] as usize).min(STAGES[stage].2 - 1);
         let step = place[2] as usize;
         Ok(([stage, round], Some(Start { z, damping, step })))
     }
@@ -357,49 +372,50 @@ impl Run<'_> {
     /// Occluders at `z`, if modelled.
     fn masks(&self, shared: &Shared, z: &[f32]) -> Result<Option<Masks>, autodiff::RunError> {
         let share = shared.masks(z)?;
-        Ok((!share.is_empty()).then_some(Masks {
-            grid: shared.mask_grid(),
-            shells: shared.shells.clone(),
-            share,
-        }))
+        Ok((!share.is_empty())
+            .then(|| Masks::new(shared.mask_grid(), shared.shells.clone(), &share)))
     }
 
     /// Materials, images, scores and remarks.
     fn finish(
         &self,
         bvh: &Bvh,
+        surface: &Surface,
         chosen: &Frames,
         shared: &Shared,
         z: &[f32],
     ) -> Result<Reconstruction, ReconstructError> {
         self.report("materials and renders", f64::NAN, 0.0);
+        let rows = self.settings.grid_rows;
         let radiance = shared.linearise(z)?.0.radiance()?;
+        let environment = finish::environment(shared.grid, &radiance, rows);
         let frames = &self.capture.frames;
+        let lobe = self.round.as_ref().and_then(|begun| begun.lobe);
         let found = Found {
             bvh,
+            surface,
             frames,
             noise: &self.noise,
-            grid: shared.grid,
-            radiance: &radiance,
+            grid: surface.grid,
+            radiance: &environment.data,
             occluders: None,
-            lobe: self.coat.as_ref().map(|coat| coat.lobe),
+            lobe,
             seed: self.settings.seed,
         };
         let fitted = |t: usize, _: u32| chosen.fitted(t);
         let mut occluders = self.masks(shared, z)?;
-        let mut finished = finish::finish(&found.under(occluders.as_ref()), &fitted);
+        let mut finished = finish::finish(&found.under(occluders.as_ref()));
         if self.settings.hold_out.is_some() {
             self.report("occluders of held-out frames", f64::NAN, 0.0);
             let held = |t: usize| chosen.held_out[t];
             let z = hold_out::fit(&found, shared, z, &finished.materials, &held)?;
             let moved = self.masks(shared, &z)?;
-            finished = finish::finish(&found.under(moved.as_ref()), &fitted);
+            finished = finish::finish(&found.under(moved.as_ref()));
             occluders = moved;
         }
         let judged = |t: usize, p: u32| {
             chosen.held_out[t] && !hold_out::fitted_half(frames[t].image.width, p as usize)
         };
-        let rows = self.settings.grid_rows;
         let masks = occluders.map_or(Vec::new(), |masks| masks.images(rows));
         let photometric = Photometric {
             psnr: finish::psnr(frames, &finished.renders, &fitted),
@@ -410,7 +426,7 @@ impl Run<'_> {
             ("seconds".to_owned(), self.seconds().into()),
         ]);
         let mut notes = chosen.notes(frames, &masks);
-        if let Some(Coat { lobe, .. }) = &self.coat {
+        if let Some(lobe) = lobe {
             notes.push(format!(
                 "specular reflection: alpha {:.3} and kappa {:.3}, the same all over the object",
                 lobe.alpha, lobe.kappa
@@ -421,7 +437,7 @@ impl Run<'_> {
             );
         }
         Ok(Reconstruction {
-            environment: finish::environment(shared.grid, &radiance, rows),
+            environment,
             notes,
             occluders: masks,
             materials: finished.materials,

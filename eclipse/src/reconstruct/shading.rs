@@ -3,57 +3,69 @@
 use std::f32::consts::FRAC_1_PI;
 
 use glam::Vec3;
-use rayon::prelude::*;
 use render::{
     bsdf::{Cosines, microfacet},
-    bvh::{Bvh, SurfacePoint},
+    bvh::SurfacePoint,
     image::Image,
     lat_long::LatLong,
-    transport::Quadrature,
+    transport::TransportRow,
 };
 
-use super::shell::{MOST_GROUPS, Shells};
+use super::shell::{Group, Shells};
 
 /// Unseen occluders, as plain numbers.
 #[derive(Clone, Debug)]
 pub struct Masks {
-    /// The masks' grid.
-    pub grid: LatLong,
-    /// The surfaces they are painted on.
-    pub shells: Shells,
-    /// Transmittance, `[texel][frame]`.
-    pub share: Vec<f32>,
+    grid: LatLong,
+    shells: Shells,
+    /// Transmittance, group by group of frames `[texel][frame of the group]`.
+    share: Vec<Vec<f32>>,
 }
 
 impl Masks {
-    /// The share of light that reaches `point` from the unit `direction`, for each of `frames`.
-    fn lookup(&self, point: Vec3, direction: Vec3, frames: &[u32], share: &mut [f32]) {
-        let count = self.shells.frames();
-        let mut around = [None; MOST_GROUPS];
-        for (share, &frame) in share.iter_mut().zip(frames) {
-            let group = self.shells.place[frame as usize][0];
-            let shell = self.shells.groups[group].shell;
-            let lookup =
-                around[group].get_or_insert_with(|| shell.lookup(self.grid, point, direction));
-            *share = (0..4)
-                .map(|q| {
-                    lookup.weight[q] * self.share[lookup.index[q] as usize * count + frame as usize]
-                })
-                .sum();
+    /// Of transmittances `[texel][frame]` on `grid`, painted on these surfaces.
+    pub fn new(grid: LatLong, shells: Shells, share: &[f32]) -> Self {
+        let columns = |group: &Group| {
+            let of_texel = share.chunks_exact(shells.frames());
+            of_texel
+                .flat_map(|all| group.frames.iter().map(|&t| all[t]))
+                .collect()
+        };
+        Self {
+            grid,
+            share: shells.groups.iter().map(columns).collect(),
+            shells,
+        }
+    }
+
+    /// The share of light that reaches `point` from the unit `direction`, for all frames, group by group.
+    fn lookup(&self, point: Vec3, direction: Vec3, share: &mut [f32]) {
+        let mut rest = share;
+        for (group, masks) in self.shells.groups.iter().zip(&self.share) {
+            let around = group.shell.lookup(self.grid, point, direction);
+            let count = group.frames.len();
+            let (own, others) = rest.split_at_mut(count);
+            let [a, b, c, d] = around.index.map(|i| &masks[i as usize * count..][..count]);
+            let w = around.weight;
+            for k in 0..count {
+                own[k] = w[0] * a[k] + w[1] * b[k] + w[2] * c[k] + w[3] * d[k];
+            }
+            rest = others;
         }
     }
 
     /// What is seen of them from the origin: a map of `rows` × 2·`rows` a frame.
     pub fn images(&self, rows: usize) -> Vec<Image> {
         let to = LatLong::new(rows, 2 * rows);
-        let all: Vec<u32> = (0..self.shells.frames() as u32).collect();
-        let mut images = vec![Image::filled(to.columns, to.rows, 1, 1.0); all.len()];
-        let mut share = vec![1.0; all.len()];
+        let frames = self.shells.frames();
+        let mut images = vec![Image::filled(to.columns, to.rows, 1, 1.0); frames];
+        let mut share = vec![1.0; frames];
+        let order = self.shells.order();
         for texel in 0..to.len() {
             let direction = to.texel_direction(texel / to.columns, texel % to.columns);
-            self.lookup(Vec3::ZERO, direction, &all, &mut share);
-            for (image, &share) in images.iter_mut().zip(&share) {
-                image.data[texel] = share;
+            self.lookup(Vec3::ZERO, direction, &mut share);
+            for (&frame, &share) in order.iter().zip(&share) {
+                images[frame].data[texel] = share;
             }
         }
         images
@@ -70,11 +82,10 @@ pub struct Lobe {
 }
 
 /// What lights the object.
+#[derive(Clone, Copy)]
 pub struct Scene<'a> {
-    /// The object.
-    pub bvh: &'a Bvh,
-    /// Quadrature on the grid of light.
-    pub quadrature: &'a Quadrature,
+    /// The grid of light.
+    pub grid: LatLong,
     /// Radiance, `[texel][channel]`.
     pub radiance: &'a [f32],
     /// Occluders, if modelled.
@@ -97,67 +108,73 @@ pub struct Shade {
 }
 
 impl Scene<'_> {
-    /// The shades of sites, each given by places on it, in the frames that are asked for.
-    pub fn shades(&self, places: &[&[SurfacePoint]], frames: &[Vec<u32>]) -> Vec<Vec<Shade>> {
-        places
-            .par_iter()
-            .zip(frames)
-            .map(|(places, frames)| self.shade(places, frames))
+    /// The shade of a place, whose transport row on the grid of light is given, in the frames that are asked for.
+    pub fn shade(&self, place: &SurfacePoint, row: &TransportRow, frames: &[u32]) -> Vec<Shade> {
+        let all = self.eyes.len();
+        // Where each frame is found among shares that are ordered by group.
+        let slot: Vec<usize> = match self.occluders {
+            Some(masks) => masks.shells.slots(),
+            None => (0..all).collect(),
+        };
+        let outgoing: Vec<Vec3> = frames
+            .iter()
+            .map(|&t| (self.eyes[t as usize] - place.position).normalize())
+            .collect();
+        let mut diffuse = vec![[0.0f32; 3]; frames.len()];
+        let mut specular = vec![[0.0f32; 3]; frames.len()];
+        let mut received: [Vec<f32>; 3] = std::array::from_fn(|_| vec![0.0; all]);
+        let mut share = vec![1.0; all];
+        for (&texel, &weight) in row.texel.iter().zip(&row.weight) {
+            let texel = usize::from(texel);
+            let columns = self.grid.columns;
+            let direction = self.grid.texel_direction(texel / columns, texel % columns);
+            if let Some(occluders) = self.occluders {
+                occluders.lookup(place.position, direction, &mut share);
+            }
+            let light: [f32; 3] = std::array::from_fn(|c| weight * self.radiance[3 * texel + c]);
+            let Some(lobe) = self.lobe else {
+                for (received, light) in received.iter_mut().zip(light) {
+                    received
+                        .iter_mut()
+                        .zip(&share)
+                        .for_each(|(sum, share)| *sum += light * share);
+                }
+                continue;
+            };
+            for (k, &frame) in frames.iter().enumerate() {
+                let share = share[slot[frame as usize]];
+                let (d, s) = reflect(lobe, place.normal, direction, outgoing[k]);
+                for c in 0..3 {
+                    diffuse[k][c] += share * light[c] * d;
+                    specular[k][c] += share * light[c] * s;
+                }
+            }
+        }
+        let of_frame = frames.iter().zip(diffuse.iter().zip(&specular));
+        of_frame
+            .map(|(&frame, (&diffuse, &specular))| Shade {
+                frame,
+                diffuse: match self.lobe {
+                    None => std::array::from_fn(|c| FRAC_1_PI * received[c][slot[frame as usize]]),
+                    Some(_) => diffuse,
+                },
+                specular,
+            })
             .collect()
     }
+}
 
-    fn shade(&self, places: &[SurfacePoint], frames: &[u32]) -> Vec<Shade> {
-        let grid = self.quadrature.grid();
-        let mut shades: Vec<Shade> = frames
-            .iter()
-            .map(|&frame| Shade {
-                frame,
-                ..Shade::default()
-            })
-            .collect();
-        let mut share = vec![1.0; frames.len()];
-        let part = 1.0 / places.len() as f32;
-        for place in places {
-            let outgoing: Vec<Vec3> = frames
-                .iter()
-                .map(|&t| (self.eyes[t as usize] - place.position).normalize())
-                .collect();
-            let row = self.quadrature.row(self.bvh, place);
-            for (&texel, &weight) in row.texel.iter().zip(&row.weight) {
-                let texel = usize::from(texel);
-                let direction = grid.texel_direction(texel / grid.columns, texel % grid.columns);
-                if let Some(occluders) = self.occluders {
-                    occluders.lookup(place.position, direction, frames, &mut share);
-                }
-                let light: [f32; 3] =
-                    std::array::from_fn(|c| part * weight * self.radiance[3 * texel + c]);
-                for ((shade, &share), &outgoing) in shades.iter_mut().zip(&share).zip(&outgoing) {
-                    let (diffuse, specular) = self.reflect(place.normal, direction, outgoing);
-                    for c in 0..3 {
-                        shade.diffuse[c] += share * light[c] * diffuse;
-                        shade.specular[c] += share * light[c] * specular;
-                    }
-                }
-            }
+/// Reflectance (1/sr) of an albedo of one, and of the specular lobe.
+#[inline]
+fn reflect(lobe: Lobe, normal: Vec3, incident: Vec3, outgoing: Vec3) -> (f32, f32) {
+    // Interpolated normals can tilt away from the camera at the silhouette: there the surface is as if just seen.
+    let tilt = (0.02 - normal.dot(outgoing)).max(0.0);
+    match Cosines::new(normal, incident, (outgoing + tilt * normal).normalize()) {
+        Some(cosines) => {
+            let (factor, specular) = microfacet(cosines, lobe.alpha, lobe.kappa);
+            (FRAC_1_PI * factor, specular)
         }
-        shades
-    }
-
-    /// Reflectance (1/sr) of an albedo of one, and of the specular lobe.
-    #[inline]
-    fn reflect(&self, normal: Vec3, incident: Vec3, outgoing: Vec3) -> (f32, f32) {
-        let Some(lobe) = self.lobe else {
-            return (FRAC_1_PI, 0.0);
-        };
-        // Interpolated normals can tilt away from the camera at the silhouette: there the surface is as if just seen.
-        let tilt = (0.02 - normal.dot(outgoing)).max(0.0);
-        match Cosines::new(normal, incident, (outgoing + tilt * normal).normalize()) {
-            Some(cosines) => {
-                let (factor, specular) = microfacet(cosines, lobe.alpha, lobe.kappa);
-                (FRAC_1_PI * factor, specular)
-            }
-            None => (0.0, 0.0),
-        }
+        None => (0.0, 0.0),
     }
 }
 

@@ -116,6 +116,23 @@ impl Shells {
         self.place.len()
     }
 
+    /// The frames in the order of their groups.
+    pub fn order(&self) -> Vec<usize> {
+        self.groups
+            .iter()
+            .flat_map(|group| group.frames.iter().copied())
+            .collect()
+    }
+
+    /// Where each frame stands in [`order`](Self::order).
+    pub fn slots(&self) -> Vec<usize> {
+        let mut slots = vec![0; self.frames()];
+        for (slot, frame) in self.order().into_iter().enumerate() {
+            slots[frame] = slot;
+        }
+        slots
+    }
+
     /// The shell of a frame.
     pub fn of(&self, frame: usize) -> Shell {
         self.groups[self.place[frame][0]].shell

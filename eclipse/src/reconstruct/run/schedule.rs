@@ -2,17 +2,19 @@
 
 use super::super::fast::Stage;
 
-/// Coarse light on few patches finds its way in seconds; the fine stage then has the rest of the time.
-pub(super) const STAGES: [(&str, Stage); 2] = [
+/// Coarse light on few patches finds its way in seconds; the fine stage then has the rest of the time. Each has a number
+/// of rounds, which begin with fresh data from the finer model, and takes its steps in each.
+pub(super) const STAGES: [(&str, Stage, usize); 2] = [
     (
         "coarse light and occluders",
         Stage {
             rows: 25,
             patches: 800,
             members: 8,
-            steps: 12,
+            steps: 4,
             products: 25,
         },
+        5,
     ),
     (
         "fine light and occluders",
@@ -20,15 +22,14 @@ pub(super) const STAGES: [(&str, Stage); 2] = [
             rows: 50,
             patches: 2000,
             members: 4,
-            steps: 30,
+            steps: 3,
             products: 25,
         },
+        8,
     ),
 ];
 /// The damping with which a later round begins: near the solution, but on changed data.
 pub(super) const SECOND_DAMPING: f32 = 1.0;
-/// How often a stage fits the specular lobe and goes on with the light; a Lambertian surface needs one round.
-pub(super) const ROUNDS: usize = 3;
 /// Share of the time limit after which the coarse stage ends.
 pub(super) const COARSE_SHARE: f64 = 0.3;
 /// Share of the time limit kept for materials and images.

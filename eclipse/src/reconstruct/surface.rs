@@ -1,0 +1,133 @@
+//! The surface in fine: sites about a pixel apart, what every frame saw of them, and the light that reaches them.
+//!
+//! Nothing here is differentiated. The solver's patches are coarser; what they leave out is found here (see
+//! [`super::detail`]), as are the specular lobe and the materials at the end.
+
+use glam::Vec3;
+use rayon::prelude::*;
+use render::{
+    bvh::{Bvh, SurfacePoint},
+    lat_long::LatLong,
+    transport::{Quadrature, TransportRow},
+};
+
+use super::{
+    patches::{Observations, PatchOptions},
+    shading::{Sample, Scene, Shade, albedo},
+};
+use crate::{capture::Frame, reconstruction::Noise};
+
+/// Share of a value left to what the model cannot explain; it evens out the frames' say in the albedo.
+const MODEL_ERROR: f32 = 0.03;
+/// Most sites: each keeps a row of some ten kilobytes.
+const MOST_SITES: usize = 10_000;
+
+/// Sites, what was seen of them, and their transport rows.
+pub struct Surface {
+    /// What every frame saw of the sites, which are its patches.
+    pub seen: Observations,
+    /// A place that stands for each site.
+    pub places: Vec<SurfacePoint>,
+    /// Where the views of each site start, and their number last.
+    pub offsets: Vec<u32>,
+    /// The grid of the rows.
+    pub grid: LatLong,
+    rows: Vec<TransportRow>,
+}
+
+impl Surface {
+    /// Of the pixels that `used` allows (frame, pixel); rows are on `grid`.
+    pub fn new(
+        bvh: &Bvh,
+        frames: &[Frame],
+        noise: &Noise,
+        grid: LatLong,
+        seed: u64,
+        used: &(dyn Fn(usize, u32) -> bool + Sync),
+    ) -> Self {
+        let options = PatchOptions {
+            count: sites_for(frames),
+            members: 2,
+            model_error: MODEL_ERROR,
+        };
+        let seen = Observations::gather(bvh, frames, noise, &options, seed, used);
+        let quadrature = Quadrature::new(grid, 2);
+        let rows = seen
+            .patches
+            .par_iter()
+            .map(|patch| quadrature.mean_row(bvh, &patch.members))
+            .collect();
+        Self {
+            places: seen
+                .patches
+                .iter()
+                .map(|patch| SurfacePoint {
+                    position: patch.position,
+                    normal: patch.normal,
+                    geometric_normal: patch.normal,
+                })
+                .collect(),
+            offsets: seen.offsets(),
+            grid,
+            rows,
+            seen,
+        }
+    }
+
+    /// Where the views of a site are.
+    pub fn views(&self, site: usize) -> std::ops::Range<usize> {
+        self.offsets[site] as usize..self.offsets[site + 1] as usize
+    }
+
+    /// The shades of some sites, each in the frames that are asked for.
+    pub fn shades(
+        &self,
+        scene: &Scene<'_>,
+        sites: &[usize],
+        frames: &[Vec<u32>],
+    ) -> Vec<Vec<Shade>> {
+        sites
+            .par_iter()
+            .zip(frames)
+            .map(|(&s, frames)| scene.shade(&self.places[s], &self.rows[s], frames))
+            .collect()
+    }
+
+    /// The frames that see each of some sites.
+    pub fn frames(&self, sites: &[usize]) -> Vec<Vec<u32>> {
+        sites
+            .iter()
+            .map(|&s| {
+                self.seen.views[self.views(s)]
+                    .iter()
+                    .map(|v| v.frame)
+                    .collect()
+            })
+            .collect()
+    }
+
+    /// The albedo of a site that explains what was seen of it, and how sure that is (see [`albedo`]).
+    pub fn albedo(&self, site: usize, shades: &[Shade]) -> ([f32; 3], [f32; 3]) {
+        let samples: Vec<Sample> = self.seen.views[self.views(site)]
+            .iter()
+            .map(|v| Sample {
+                frame: v.frame,
+                value: v.value,
+                weight: v.weight,
+            })
+            .collect();
+        albedo(&samples, shades)
+    }
+}
+
+/// Sites about a pixel apart: a view shows about a third of the surface.
+fn sites_for(frames: &[Frame]) -> usize {
+    let inside = |frame: &Frame| frame.mask.data.iter().filter(|&&m| m > 0.5).count();
+    let all: usize = frames.iter().map(inside).sum();
+    (3 * all / frames.len().max(1)).clamp(64, MOST_SITES)
+}
+
+/// Where the cameras are.
+pub fn eyes(frames: &[Frame]) -> Vec<Vec3> {
+    frames.iter().map(|frame| frame.camera.centre()).collect()
+}
