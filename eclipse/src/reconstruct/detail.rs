@@ -16,8 +16,6 @@ use super::{
 };
 use crate::reconstruction::Noise;
 
-/// Share of a value left to what even the fine model cannot explain.
-const MODEL_ERROR: f64 = 0.004;
 /// What a site's texture is taken to disturb before it is known, relative; and what it disturbs at least.
 const TEXTURE: [f64; 2] = [0.03, 0.004];
 
@@ -55,7 +53,8 @@ pub fn patch_of_site(surface: &Surface, patches: &Observations) -> Vec<u32> {
         .collect()
 }
 
-/// The data of `patches`, of which their own model says `predicted` for each view.
+/// The data of `patches`, of which their own model says `predicted` for each view; `model_error` is the share of a value left
+/// to what even the fine model cannot explain.
 pub fn correct(
     surface: &Surface,
     scene: &Scene<'_>,
@@ -63,6 +62,7 @@ pub fn correct(
     patches: &Observations,
     patch_of_site: &[u32],
     predicted: &[[f32; 3]],
+    model_error: f64,
 ) -> Data {
     let sites: Vec<usize> = (0..surface.places.len()).collect();
     let shades = surface.shades(scene, &sites, &surface.frames(&sites));
@@ -72,25 +72,53 @@ pub fn correct(
     let [first, _] = place.means(&misfits, &unknown, patches.views.len());
     let texture = place.texture(&misfits, &first);
     let [mean, precision] = place.means(&misfits, &texture, patches.views.len());
+    let variance = |i: usize, c: usize| 1.0 / precision[i][c] + model_error.powi(2);
+    let trust = Trust::new(&mean, &variance);
     let views = patches.views.iter().zip(predicted).enumerate();
     let (value, weight) = views
         .map(|(i, (view, predicted))| {
             let mut value = view.value;
             let mut weight = [0.0; 3];
             for c in 0..3 {
-                let precision = precision[i][c];
-                if precision > 0.0 && predicted[c] > 0.0 {
+                let variance = variance(i, c);
+                if variance.is_finite() && predicted[c] > 0.0 {
                     let model = f64::from(predicted[c]);
                     value[c] = (model * (1.0 + mean[i][c])).max(0.0) as f32;
-                    let variance = 1.0 / precision + MODEL_ERROR.powi(2);
-                    weight[c] =
-                        (1.0 / (variance * f64::from(value[c]).max(0.3 * model).powi(2))) as f32;
+                    let unit = f64::from(value[c]).max(0.3 * model).powi(2);
+                    weight[c] = (trust.of(mean[i][c], variance) / (variance * unit)) as f32;
                 }
             }
             (value, weight)
         })
         .unzip();
     Data { value, weight }
+}
+
+/// Huber's weights: misfits far beyond the usual (the edge of a shadow out of place) count by their size, not its square.
+struct Trust {
+    scale: f64,
+}
+
+impl Trust {
+    /// Where the influence of a misfit stops growing, in units of the usual.
+    const BEND: f64 = 1.5;
+
+    fn new(misfit: &[[f64; 3]], variance: &dyn Fn(usize, usize) -> f64) -> Self {
+        let all = (0..misfit.len()).flat_map(|i| (0..3).map(move |c| (i, c)));
+        let mut squares: Vec<f64> = all
+            .map(|(i, c)| misfit[i][c].powi(2) / variance(i, c))
+            .filter(|square| square.is_finite() && *square > 0.0)
+            .collect();
+        squares.sort_unstable_by(f64::total_cmp);
+        let median = squares.get(squares.len() / 2).copied().unwrap_or(0.0);
+        Self {
+            scale: (median / 0.455).sqrt().max(1.0),
+        }
+    }
+
+    fn of(&self, misfit: f64, variance: f64) -> f64 {
+        (Self::BEND * self.scale * variance.sqrt() / misfit.abs().max(1e-12)).min(1.0)
+    }
 }
 
 /// How far every view of a site is from the fine model, relative to it.

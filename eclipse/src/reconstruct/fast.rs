@@ -19,6 +19,11 @@ use crate::{capture::Frame, reconstruction::Noise, settings::OccluderPrior};
 /// No texel's log radiance changes by more in one step: beyond, the linearisation of the exponential means nothing.
 const LARGEST_CHANGE: f32 = 3.0;
 
+/// How often a step that does not lower the cost is shortened before another direction is sought.
+const HALVINGS: usize = 2;
+/// The damping never falls below: there is always the prior.
+const LEAST_DAMPING: f32 = 1e-3;
+
 /// One stage of the schedule: a grid, and how finely the surface is divided.
 #[derive(Clone, Copy, Debug)]
 pub struct Stage {
@@ -180,29 +185,31 @@ pub fn solve(
     let began = Instant::now();
     for step in first..stage.steps {
         let proposal = least_squares::step(&mut at, &z, albedo.len(), damping, &options);
-        let share = (LARGEST_CHANGE / shared.largest_change(&proposal.delta)).min(1.0);
-        let candidate: Vec<f32> = z
-            .iter()
-            .zip(&proposal.delta)
-            .map(|(a, b)| a + share * b)
-            .collect();
-        let (next, next_albedo) = shared.linearise(&candidate)?;
-        let next_cost = least_squares::cost(
-            next.residual(),
-            &candidate,
-            &next_albedo,
-            shared.albedo_precision,
-        );
-        let gain = (cost - next_cost) / proposal.predicted(f64::from(share));
-        if next_cost < cost {
-            (z, at, albedo, cost) = (candidate, next, next_albedo, next_cost);
-            if gain > 0.7 {
-                damping = (damping * 0.4).max(1e-3);
-            } else if gain < 0.3 {
-                damping *= 2.0;
+        let mut share = (LARGEST_CHANGE / shared.largest_change(&proposal.delta)).min(1.0);
+        let mut accepted = false;
+        for _ in 0..=HALVINGS {
+            let moved = |(a, b): (&f32, &f32)| a + share * b;
+            let candidate: Vec<f32> = z.iter().zip(&proposal.delta).map(moved).collect();
+            let (next, next_albedo) = shared.linearise(&candidate)?;
+            let residual = next.residual();
+            let next_cost =
+                least_squares::cost(residual, &candidate, &next_albedo, shared.albedo_precision);
+            if next_cost < cost {
+                let gain = (cost - next_cost) / proposal.predicted(f64::from(share));
+                damping = match gain {
+                    _ if share < 0.2 => damping * 2.0,
+                    g if g > 0.7 => (damping * 0.4).max(LEAST_DAMPING),
+                    g if g < 0.3 => damping * 2.0,
+                    _ => damping,
+                };
+                (z, at, albedo, cost) = (candidate, next, next_albedo, next_cost);
+                accepted = true;
+                break;
             }
-        } else {
-            damping *= 5.0;
+            share *= 0.35;
+        }
+        if !accepted {
+            damping *= 8.0;
         }
         let go_on = on_step(&Step {
             step,

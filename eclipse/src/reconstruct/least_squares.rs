@@ -86,6 +86,9 @@ impl Step {
 }
 
 /// One damped step from `z`, whose `a` is at its best.
+///
+/// Residuals of the normal equations are kept and each new one is made orthogonal to all before it: in single precision and
+/// with eigenvalues over six decades, conjugate gradients would otherwise lose the directions they have found.
 pub fn step<L: Linearisation>(
     at: &mut L,
     z: &[f32],
@@ -97,7 +100,7 @@ pub fn step<L: Linearisation>(
     let residual = at.residual().to_vec();
     let mut gradient = at.vjp(&residual);
     add(&mut gradient, 1.0, z);
-    let mut product = |v: &[f32], damping: f32| {
+    let mut product = |v: &[f32]| {
         let mut u = at.jvp(v);
         projector.project(at, &mut u);
         let mut h = at.vjp(&u);
@@ -110,23 +113,36 @@ pub fn step<L: Linearisation>(
     let mut rr = dot(&r, &r);
     let first = rr;
     let mut products = 0;
+    let mut basis: Vec<Vec<f32>> = Vec::with_capacity(options.products);
     while products < options.products && rr > options.tolerance * first {
-        let hp = product(&p, damping);
+        let hp = product(&p);
         let alpha = (rr / dot(&p, &hp)) as f32;
         add(&mut x, alpha, &p);
+        let length = rr.sqrt() as f32;
+        basis.push(r.iter().map(|r| r / length).collect());
         add(&mut r, -alpha, &hp);
+        orthogonalise(&mut r, &basis);
         let next = dot(&r, &r);
         let beta = (next / rr) as f32;
         rr = next;
         p.iter_mut().zip(&r).for_each(|(p, r)| *p = r + beta * *p);
         products += 1;
     }
-    let hx = product(&x, 0.0);
+    let mut hx = product(&x);
+    add(&mut hx, -damping, &x);
     Step {
         slope: dot(&gradient, &x),
         curvature: dot(&x, &hx),
         delta: x,
         products,
+    }
+}
+
+/// Takes from `r` its parts along a basis of unit vectors.
+fn orthogonalise(r: &mut [f32], basis: &[Vec<f32>]) {
+    for unit in basis {
+        let along = dot(unit, r) as f32;
+        add(r, -along, unit);
     }
 }
 

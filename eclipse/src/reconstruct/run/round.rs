@@ -47,7 +47,15 @@ impl Run<'_> {
         }
         let predicted = at.predicted(observations)?;
         let of = detail::patch_of_site(surface, observations);
-        let data = detail::correct(surface, &scene, &self.noise, observations, &of, &predicted);
+        let data = detail::correct(
+            surface,
+            &scene,
+            &self.noise,
+            observations,
+            &of,
+            &predicted,
+            0.004,
+        );
         let start = RoundStart {
             z: z.to_vec(),
             lobe: scene.lobe,
