@@ -47,6 +47,8 @@ pub struct Solution {
     pub albedo: Vec<f32>,
     /// Twice the data term per residual.
     pub chi2: f64,
+    /// The damping of the next step.
+    pub damping: f32,
 }
 
 /// What is fitted, and what is assumed of occluders.
@@ -230,5 +232,10 @@ pub fn solve(
         .map(|&r| f64::from(r).powi(2))
         .sum::<f64>()
         / at.residual().len() as f64;
-    Ok(Solution { z, albedo, chi2 })
+    Ok(Solution {
+        z,
+        albedo,
+        chi2,
+        damping,
+    })
 }

@@ -10,7 +10,7 @@ mod schedule;
 
 use frames::Frames;
 use round::RoundStart;
-use schedule::{FINISH_SHARE, Place, SECOND_DAMPING, STAGES};
+use schedule::{FINISH_SHARE, LEGS, Place, SECOND_DAMPING};
 
 use super::{
     fast::{self, Problem, Stage, Start},
@@ -84,8 +84,9 @@ pub fn run(
         &used,
     );
     let mut last: Option<(Shared, Vec<f32>)> = None;
-    while first < STAGES.len() {
-        let (name, mut stage, rounds) = STAGES[first];
+    while first < LEGS.len() {
+        let (leg, mut stage) = (&LEGS[first], LEGS[first].stage);
+        let rounds = leg.held.len();
         stage.rows = stage.rows.min(settings.grid_rows);
         run.report("visibility of the surface", f64::NAN, 0.0);
         let problem = Problem {
@@ -127,15 +128,16 @@ pub fn run(
                 run.round = Some(begun);
             }
             resumed = false;
+            shared.sky.withhold(leg.held[round]);
             let place = Place {
                 stage: first,
                 round,
                 rounds,
             };
-            let z = run.steps(name, place, &stage, &shared, from)?;
+            let (z, damping) = run.steps(leg.name, place, &stage, &shared, from)?;
             round += 1;
             from = Start {
-                damping: SECOND_DAMPING,
+                damping: damping.min(SECOND_DAMPING),
                 ..Start::from(z)
             };
             if run.ended != Ended::Converged {
@@ -234,13 +236,17 @@ impl Run<'_> {
         stage: &Stage,
         shared: &Shared,
         start: Start,
-    ) -> Result<Vec<f32>, ReconstructError> {
+    ) -> Result<(Vec<f32>, f32), ReconstructError> {
         self.ended = Ended::Converged;
         if let Some(ended) = self.due(place.share(), 0.0) {
             self.ended = ended;
-            return Ok(start.z);
+            return Ok((start.z, start.damping));
         }
-        let mut previous = f64::INFINITY;
+        // A continuation goes on inside the round: the step before it is the last of the curve.
+        let mut previous = match self.curve.last() {
+            Some(point) if start.step > 0 => point.loss,
+            _ => f64::INFINITY,
+        };
         let mut step_began = Instant::now();
         let solution = fast::solve(shared, stage, start, &mut |step| {
             let took = step_began.elapsed().as_secs_f64();
@@ -273,7 +279,7 @@ impl Run<'_> {
         }
         match self.failed.take() {
             Some(error) => Err(error.into()),
-            None => Ok(solution.z),
+            None => Ok((solution.z, solution.damping)),
         }
     }
 
@@ -363,8 +369,8 @@ impl Run<'_> {
             })
             .collect();
         self.before = checkpoint.seconds;
-        let stage = (place[0] as usize).min(STAGES.len() - 1);
-        let round = (place[1] as usize).min(STAGES[stage].2 - 1);
+        let stage = (place[0] as usize).min(LEGS.len() - 1);
+        let round = (place[1] as usize).min(LEGS[stage].held.len() - 1);
         let step = place[2] as usize;
         Ok(([stage, round], Some(Start { z, damping, step })))
     }

@@ -100,6 +100,15 @@ impl SkyModel {
         })))
     }
 
+    /// Holds the finest `levels` of the silhouette still: first where somebody stands and how large, then the outline.
+    pub fn withhold(&mut self, levels: usize) {
+        if let Self::Cutout(model) = self {
+            let mut deviations = TEXTURE_DEVIATIONS;
+            deviations[..levels.min(TEXTURE_DEVIATIONS.len())].fill(0.0);
+            model.deviation = level_deviations(&model.pyramid, &deviations);
+        }
+    }
+
     /// The number of parameters.
     pub fn parameters(&self) -> usize {
         match self {

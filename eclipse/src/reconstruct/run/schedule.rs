@@ -2,31 +2,41 @@
 
 use super::super::fast::Stage;
 
-/// Coarse light on few patches finds its way in seconds; the fine stage then has the rest of the time. Each has a number
-/// of rounds, which begin with fresh data from the finer model, and takes its steps in each.
-pub(super) const STAGES: [(&str, Stage, usize); 2] = [
-    (
-        "coarse light and occluders",
-        Stage {
+/// A stage of the work and its rounds.
+pub(super) struct Leg {
+    /// What it is called in progress.
+    pub(super) name: &'static str,
+    /// Grid and patches.
+    pub(super) stage: Stage,
+    /// How many of the silhouette's finest levels are held in each round: its place comes before its outline. A round
+    /// begins with fresh data from the finer model.
+    pub(super) held: &'static [usize],
+}
+
+/// Coarse light on few patches finds its way in seconds; the fine stage then has the rest of the time.
+pub(super) const LEGS: [Leg; 2] = [
+    Leg {
+        name: "coarse light and occluders",
+        stage: Stage {
             rows: 25,
             patches: 800,
             members: 8,
             steps: 4,
             products: 25,
         },
-        5,
-    ),
-    (
-        "fine light and occluders",
-        Stage {
+        held: &[2, 2, 1, 1],
+    },
+    Leg {
+        name: "fine light and occluders",
+        stage: Stage {
             rows: 50,
-            patches: 2000,
+            patches: 1500,
             members: 4,
             steps: 3,
             products: 25,
         },
-        8,
-    ),
+        held: &[0; 10],
+    },
 ];
 /// The damping with which a later round begins: near the solution, but on changed data.
 pub(super) const SECOND_DAMPING: f32 = 1.0;
@@ -45,12 +55,12 @@ pub(super) struct Place {
 
 impl Place {
     pub(super) fn is_last(self) -> bool {
-        self.stage + 1 == STAGES.len() && self.round + 1 == self.rounds
+        self.stage + 1 == LEGS.len() && self.round + 1 == self.rounds
     }
 
     /// Share of the time limit after which its steps end.
     pub(super) fn share(self) -> f64 {
-        let (from, to) = if self.stage + 1 < STAGES.len() {
+        let (from, to) = if self.stage + 1 < LEGS.len() {
             (0.0, COARSE_SHARE)
         } else {
             (COARSE_SHARE, 1.0 - FINISH_SHARE)
