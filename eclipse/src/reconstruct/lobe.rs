@@ -14,12 +14,15 @@ use super::{
 const FITTED_SITES: usize = 300;
 /// The narrowest lobe: beyond, the grid of light is too coarse to tell.
 const NARROWEST: f32 = 0.08;
+/// By what factor the width is sought about an earlier estimate.
+const NEAR: f32 = 1.3;
 /// Precision of the albedo's tie to one half.
 const TIE: f64 = 16.0;
 
 /// The lobe that explains the photographs best under this light and these occluders.
 ///
-/// `scene.lobe` is ignored. The albedo of every site is eliminated in closed form.
+/// `scene.lobe` is what was found before, if anything: the search stays about it. The albedo of every site is eliminated in
+/// closed form.
 pub fn fit(scene: &Scene<'_>, surface: &Surface) -> Lobe {
     let step = surface.places.len().div_ceil(FITTED_SITES).max(1);
     let sites: Vec<usize> = (0..surface.places.len()).step_by(step).collect();
@@ -45,7 +48,15 @@ pub fn fit(scene: &Scene<'_>, surface: &Surface) -> Lobe {
             })
         })
     };
-    let (alpha, _) = minimise(NARROWEST, 1.0, 9, |alpha| best_kappa(alpha).1);
+    let (low, high, rounds) = match scene.lobe {
+        Some(before) => (
+            (before.alpha / NEAR).max(NARROWEST),
+            (before.alpha * NEAR).min(1.0),
+            5,
+        ),
+        None => (NARROWEST, 1.0, 9),
+    };
+    let (alpha, _) = minimise(low, high, rounds, |alpha| best_kappa(alpha).1);
     let kappa = best_kappa(alpha).0.powi(2);
     Lobe { alpha, kappa }
 }

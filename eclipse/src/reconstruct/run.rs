@@ -118,12 +118,14 @@ pub fn run(
             // The very first steps are far from everything: patches alone will do.
             if (first, round) != (0, 0) {
                 run.report("finer model", f64::NAN, 0.0);
-                let known = run.round.take().filter(|_| resumed);
-                let (z, lobe) = match &known {
-                    Some(begun) => (&begun.z, begun.lobe),
-                    None => (&from.z, None),
+                let before = run.round.take();
+                let lobe = before.as_ref().and_then(|begun| begun.lobe);
+                let (z, known, before) = match &before {
+                    Some(begun) if resumed => (&begun.z, lobe, None),
+                    _ => (&from.z, None, lobe),
                 };
-                let (begun, data) = run.round(&surface, &shared, &observations, z, lobe)?;
+                let (begun, data) =
+                    run.round(&surface, &shared, &observations, z, known, before)?;
                 shared.fit_to(&observations, &data);
                 run.round = Some(begun);
             }

@@ -22,14 +22,15 @@ pub(super) struct RoundStart {
 }
 
 impl Run<'_> {
-    /// The data of a round that begins at `z`; the lobe is fitted unless it is given.
+    /// The data of a round that begins at `z`; the lobe is fitted, near that of the round before, unless `known` gives it.
     pub(super) fn round(
         &self,
         surface: &Surface,
         shared: &Shared,
         observations: &Observations,
         z: &[f32],
-        lobe: Option<Lobe>,
+        known: Option<Lobe>,
+        before: Option<Lobe>,
     ) -> Result<(RoundStart, Data), ReconstructError> {
         let (at, _) = shared.linearise(z)?;
         let rows = surface.grid.rows;
@@ -39,11 +40,11 @@ impl Run<'_> {
             grid: LatLong::new(rows, 2 * rows),
             radiance: &radiance,
             occluders: occluders.as_ref(),
-            lobe: None,
+            lobe: before,
             eyes: &eyes(&self.capture.frames),
         };
         if !self.settings.lambertian {
-            scene.lobe = Some(lobe.unwrap_or_else(|| lobe::fit(&scene, surface)));
+            scene.lobe = Some(known.unwrap_or_else(|| lobe::fit(&scene, surface)));
         }
         let predicted = at.predicted(observations)?;
         let of = detail::patch_of_site(surface, observations);
