@@ -4,7 +4,9 @@
 //! gradient (Zeltner et al. 2021): the tape sees only what this batch holds, and re-evaluates the integrand at these fixed
 //! directions. Samples that cannot contribute (hidden, below the surface) are dropped, so a point has a varying number.
 
+mod block;
 mod draw;
+mod quadrature;
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -13,7 +15,7 @@ use self::draw::Draw;
 use crate::bsdf::{Cosines, Material, Model, microfacet};
 use crate::bvh::{Bvh, SurfacePoint};
 use crate::environment::LightDistribution;
-use crate::lat_long::LatLong;
+use crate::lat_long::{Bilinear, LatLong};
 use crate::transport::Quadrature;
 use crate::visibility::Visibility;
 
@@ -89,9 +91,9 @@ pub struct PathBatch {
     pub outgoing: Vec<f32>,
     /// n·ωi of each sample.
     pub incident: Vec<f32>,
-    /// n·h.
+    /// n·h; nothing for Lambertian samples, which need none.
     pub half: Vec<f32>,
-    /// h·ωi.
+    /// h·ωi; likewise.
     pub difference: Vec<f32>,
     /// Multiple-importance weight over (sample count × density): a point's radiance is Σ weight · L · M · f · n·ωi.
     pub weight: Vec<f32>,
@@ -116,13 +118,7 @@ const RUN: usize = 128;
 impl PathBatch {
     /// Draws the samples of all points.
     pub fn sample(scene: &PathScene, points: &[ShadingPoint], settings: &PathSettings) -> Self {
-        let run = |points: &[ShadingPoint]| {
-            let mut draw = Draw::new(scene, settings.lookup);
-            points
-                .iter()
-                .for_each(|point| draw.monte_carlo(point, settings));
-            draw.finish()
-        };
+        let run = |points: &[ShadingPoint]| Draw::new(scene, settings).run(points);
         let runs: Vec<Self> = points.par_chunks(RUN).map(run).collect();
         Self::join(&runs, settings.lookup)
     }
@@ -131,13 +127,7 @@ impl PathBatch {
     /// its solid angle. It has no noise, and the bias of its grid.
     pub fn quadrature(scene: &PathScene, points: &[ShadingPoint], side: usize) -> Self {
         let quadrature = Quadrature::new(scene.environment_grid, side);
-        let run = |points: &[ShadingPoint]| {
-            let mut draw = Draw::new(scene, Lookup::Bilinear);
-            points
-                .iter()
-                .for_each(|point| draw.quadrature(point, &quadrature));
-            draw.finish()
-        };
+        let run = |points: &[ShadingPoint]| quadrature::quadrature(scene, points, &quadrature);
         let runs: Vec<Self> = points.par_chunks(RUN).map(run).collect();
         Self::join(&runs, Lookup::Bilinear)
     }
@@ -252,6 +242,15 @@ impl Corners {
         Self {
             index: vec![Vec::new(); lookup.corners()],
             weight: vec![Vec::new(); weights],
+        }
+    }
+
+    fn push(&mut self, texels: &Bilinear) {
+        for (index, texel) in self.index.iter_mut().zip(texels.index) {
+            index.push(texel);
+        }
+        for (weights, weight) in self.weight.iter_mut().zip(texels.weight) {
+            weights.push(weight);
         }
     }
 
