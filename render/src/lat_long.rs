@@ -121,7 +121,7 @@ impl LatLong {
         let column = if column < 0 { column + columns } else { column };
         let column = if column >= columns { column - columns } else { column };
         let row = (v * self.rows as f32 + 0.5 + choice[1]) as i32 - 1;
-        (row.clamp(0, rows - 1) * columns + column) as u32
+        (row.max(0).min(rows - 1) * columns + column) as u32
     }
 
     /// The four texels around a direction.
