@@ -106,7 +106,11 @@ impl LatLong {
     pub fn texel_at(&self, u: f32, v: f32) -> usize {
         let (rows, columns) = (self.rows as i32, self.columns as i32);
         let column = (u * self.columns as f32) as i32;
-        let column = if column >= columns { column - columns } else { column };
+        let column = if column >= columns {
+            column - columns
+        } else {
+            column
+        };
         let row = ((v * self.rows as f32) as i32).min(rows - 1);
         (row * columns + column) as usize
     }
@@ -119,7 +123,11 @@ impl LatLong {
         // Half a texel to the left, where truncation would round up, is moved to the right first.
         let column = (u * self.columns as f32 + 0.5 + choice[0]) as i32 - 1;
         let column = if column < 0 { column + columns } else { column };
-        let column = if column >= columns { column - columns } else { column };
+        let column = if column >= columns {
+            column - columns
+        } else {
+            column
+        };
         let row = (v * self.rows as f32 + 0.5 + choice[1]) as i32 - 1;
         (row.max(0).min(rows - 1) * columns + column) as u32
     }
@@ -189,7 +197,13 @@ mod tests {
     fn a_texel_is_chosen_as_often_as_it_weighs() {
         let grid = LatLong::new(5, 8);
         let n = 64;
-        for (u, v) in [(0.0, 0.5), (0.01, 0.03), (0.37, 0.62), (0.99, 0.97), (1.0, 1.0)] {
+        for (u, v) in [
+            (0.0, 0.5),
+            (0.01, 0.03),
+            (0.37, 0.62),
+            (0.99, 0.97),
+            (1.0, 1.0),
+        ] {
             let mut share = vec![0.0; grid.len()];
             for i in 0..n * n {
                 let choice = [i % n, i / n].map(|k| (k as f32 + 0.5) / n as f32);

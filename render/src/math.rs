@@ -141,7 +141,8 @@ pub fn fast_sin_cos(turns: f32) -> (f32, f32) {
     // A quarter turns (sin, cos) into (cos, −sin).
     let odd = quarter & 1 != 0;
     let (s, c) = (if odd { cos } else { sin }, if odd { sin } else { cos });
-    let negated = |value: f32, sign: i32| f32::from_bits(value.to_bits() ^ ((sign & 2) as u32) << 30);
+    let negated =
+        |value: f32, sign: i32| f32::from_bits(value.to_bits() ^ ((sign & 2) as u32) << 30);
     (negated(s, quarter), negated(c, quarter + 1))
 }
 

@@ -112,14 +112,15 @@ pub struct Corners {
     pub weight: Vec<Vec<f32>>,
 }
 
-/// Points are sampled in parallel in runs of this many; results do not depend on it.
-const RUN: usize = 128;
+/// Points are sampled in parallel in runs of about this many samples; results do not depend on it.
+const RUN: usize = 1 << 14;
 
 impl PathBatch {
     /// Draws the samples of all points.
     pub fn sample(scene: &PathScene, points: &[ShadingPoint], settings: &PathSettings) -> Self {
         let run = |points: &[ShadingPoint]| Draw::new(scene, settings).run(points);
-        let runs: Vec<Self> = points.par_chunks(RUN).map(run).collect();
+        let each = (settings.light_samples + settings.material_samples).max(1);
+        let runs: Vec<Self> = points.par_chunks(RUN.div_ceil(each)).map(run).collect();
         Self::join(&runs, settings.lookup)
     }
 
@@ -128,7 +129,7 @@ impl PathBatch {
     pub fn quadrature(scene: &PathScene, points: &[ShadingPoint], side: usize) -> Self {
         let quadrature = Quadrature::new(scene.environment_grid, side);
         let run = |points: &[ShadingPoint]| quadrature::quadrature(scene, points, &quadrature);
-        let runs: Vec<Self> = points.par_chunks(RUN).map(run).collect();
+        let runs: Vec<Self> = points.par_chunks(16).map(run).collect();
         Self::join(&runs, Lookup::Bilinear)
     }
 
@@ -197,23 +198,28 @@ impl PathBatch {
     }
 
     fn join(runs: &[Self], lookup: Lookup) -> Self {
-        let mut all = Self::empty(lookup);
-        runs.iter().for_each(|run| all.append(run));
-        all
+        let mut offsets = vec![0];
+        for run in runs {
+            let start = offsets[offsets.len() - 1];
+            offsets.extend(run.offsets[1..].iter().map(|o| o + start));
+        }
+        let all = |part: fn(&Self) -> &[f32]| concatenate(runs.iter().map(part));
+        Self {
+            offsets,
+            outgoing: all(|run| &run.outgoing),
+            incident: all(|run| &run.incident),
+            half: all(|run| &run.half),
+            difference: all(|run| &run.difference),
+            weight: all(|run| &run.weight),
+            light: Corners::join(runs.iter().map(|run| &run.light), lookup),
+            mask: Corners::join(runs.iter().map(|run| &run.mask), lookup),
+        }
     }
+}
 
-    fn append(&mut self, other: &Self) {
-        let start = self.weight.len() as u32;
-        self.offsets
-            .extend(other.offsets[1..].iter().map(|o| o + start));
-        self.outgoing.extend_from_slice(&other.outgoing);
-        self.incident.extend_from_slice(&other.incident);
-        self.half.extend_from_slice(&other.half);
-        self.difference.extend_from_slice(&other.difference);
-        self.weight.extend_from_slice(&other.weight);
-        self.light.append(&other.light);
-        self.mask.append(&other.mask);
-    }
+/// All values after one another, allocated once.
+fn concatenate<'a, T: Copy + 'a>(parts: impl Iterator<Item = &'a [T]>) -> Vec<T> {
+    parts.collect::<Vec<_>>().concat()
 }
 
 impl Lookup {
@@ -254,14 +260,13 @@ impl Corners {
         }
     }
 
-    fn append(&mut self, other: &Self) {
-        self.index
-            .iter_mut()
-            .zip(&other.index)
-            .for_each(|(all, run)| all.extend_from_slice(run));
-        self.weight
-            .iter_mut()
-            .zip(&other.weight)
-            .for_each(|(all, run)| all.extend_from_slice(run));
+    fn join<'a>(parts: impl Iterator<Item = &'a Self> + Clone, lookup: Lookup) -> Self {
+        let empty = Self::empty(lookup);
+        let index = |k: usize| concatenate(parts.clone().map(|part| part.index[k].as_slice()));
+        let weight = |k: usize| concatenate(parts.clone().map(|part| part.weight[k].as_slice()));
+        Self {
+            index: (0..empty.index.len()).map(index).collect(),
+            weight: (0..empty.weight.len()).map(weight).collect(),
+        }
     }
 }

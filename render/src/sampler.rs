@@ -210,7 +210,10 @@ mod tests {
             let [a, b, c, d] = words(pixel, i).map(|w| f64::from(unit(w)) - 0.5);
             let next = f64::from(unit(words(pixel, i + 1)[0])) - 0.5;
             let beside = f64::from(unit(words(pixel + 1, i)[0])) - 0.5;
-            for (lag, product) in lags.iter_mut().zip([a * b, b * c, c * d, a * next, a * beside]) {
+            for (lag, product) in lags
+                .iter_mut()
+                .zip([a * b, b * c, c * d, a * next, a * beside])
+            {
                 *lag += product / f64::from(n);
             }
             let [high, low] = unit_pair(words(pixel, i)[3]);
@@ -220,8 +223,14 @@ mod tests {
             assert!(lag.abs() < 4.0 / 12.0 / f64::from(n).sqrt(), "{lags:?}");
         }
         let expected = f64::from(n) / 256.0;
-        let chi_square: f64 = counts.iter().map(|c| (c - expected).powi(2) / expected).sum();
-        assert!((chi_square - 255.0).abs() < 4.0 * (2.0_f64 * 255.0).sqrt(), "{chi_square}");
+        let chi_square: f64 = counts
+            .iter()
+            .map(|c| (c - expected).powi(2) / expected)
+            .sum();
+        assert!(
+            (chi_square - 255.0).abs() < 4.0 * (2.0_f64 * 255.0).sqrt(),
+            "{chi_square}"
+        );
     }
 
     #[test]

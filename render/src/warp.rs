@@ -57,7 +57,11 @@ pub fn ggx_half_vector_density(incident: Vec3, outgoing: Vec3, alpha: f32) -> f3
 /// uniform on a cap.
 #[inline(always)]
 pub fn ggx_visible_normal(u: [f32; 2], outgoing: Vec3, alpha: f32) -> Vec3 {
-    let view = unit(Vec3::new(alpha * outgoing.x, alpha * outgoing.y, outgoing.z));
+    let view = unit(Vec3::new(
+        alpha * outgoing.x,
+        alpha * outgoing.y,
+        outgoing.z,
+    ));
     let (sin, cos) = fast_sin_cos(u[1]);
     let z = (1.0 - u[0]) * (1.0 + view.z) - view.z;
     let r = (1.0 - z * z).max(0.0).sqrt();

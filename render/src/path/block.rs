@@ -8,7 +8,7 @@ use crate::bsdf::{Lobe, MaterialSampler, Model};
 use crate::environment::Cell;
 use crate::lat_long::LatLong;
 use crate::occluder::shell_place;
-use crate::sampler::{Counter, Stratified, unit_pair, unit};
+use crate::sampler::{Counter, Stratified, unit, unit_pair};
 use crate::visibility::Visibility;
 use crate::warp;
 
@@ -135,8 +135,7 @@ impl Block {
         put(&mut self.normal, point.surface.normal);
         put(&mut self.outgoing, point.outgoing);
         put(&mut self.position, point.surface.position);
-        self.reach[lanes.clone()]
-            .fill(radius * radius - point.surface.position.length_squared());
+        self.reach[lanes.clone()].fill(radius * radius - point.surface.position.length_squared());
         self.alpha[lanes.clone()].fill(point.alpha);
         for (word, key) in self.key.iter_mut().zip(key.0) {
             word[lanes.clone()].fill(key);
@@ -251,7 +250,11 @@ impl Block {
     /// The power heuristic's weight (exponent 2) over the strategy's count and density, for samples above the horizon.
     #[inline(always)]
     fn weigh(&mut self, plan: &Plan, strategy: Strategy, filled: usize) {
-        let PathScene { lights, environment_grid, .. } = plan.scene;
+        let PathScene {
+            lights,
+            environment_grid,
+            ..
+        } = plan.scene;
         let mass = lights.mass();
         for i in 0..filled {
             self.mass[i] = match plan.lookup {
@@ -270,10 +273,14 @@ impl Block {
             let light = from_light * self.mass[i] * lights.per_solid_angle(direction);
             let mut material = from_cosine * std::f32::consts::FRAC_1_PI * incident;
             if microfacet {
-                material += from_normal
-                    * warp::ggx_visible_density(self.half[i], view, self.alpha[i]);
+                material +=
+                    from_normal * warp::ggx_visible_density(self.half[i], view, self.alpha[i]);
             }
-            let own = if strategy == Strategy::Light { light } else { material };
+            let own = if strategy == Strategy::Light {
+                light
+            } else {
+                material
+            };
             let weight = own / (light * light + material * material);
             let carries = (incident > 0.0) & (!microfacet | (view > 0.0)) & (own > 0.0);
             self.weight[i] = if carries { weight } else { 0.0 };
@@ -282,7 +289,9 @@ impl Block {
 
     #[inline(always)]
     fn drop_hidden(&mut self, plan: &Plan, points: &[ShadingPoint], filled: usize) {
-        let PathScene { bvh, visibility, .. } = plan.scene;
+        let PathScene {
+            bvh, visibility, ..
+        } = plan.scene;
         match visibility {
             Visibility::Cached(cache) => {
                 let fine = cache.fine();

@@ -118,7 +118,12 @@ impl Drawn {
     fn clear(&mut self) {
         let [u, v] = &mut self.light_at;
         let [s, t] = &mut self.mask_at;
-        let reals = [&mut self.incident, &mut self.half, &mut self.difference, &mut self.weight];
+        let reals = [
+            &mut self.incident,
+            &mut self.half,
+            &mut self.difference,
+            &mut self.weight,
+        ];
         reals.into_iter().chain([u, v, s, t]).for_each(Vec::clear);
         self.light.clear();
         self.mask.clear();
@@ -127,7 +132,8 @@ impl Drawn {
     fn append(&mut self, block: &Block, filled: usize, lookup: Lookup) {
         self.incident.extend_from_slice(&block.incident[..filled]);
         self.half.extend_from_slice(&block.half[..filled]);
-        self.difference.extend_from_slice(&block.difference[..filled]);
+        self.difference
+            .extend_from_slice(&block.difference[..filled]);
         self.weight.extend_from_slice(&block.weight[..filled]);
         match lookup {
             Lookup::Stochastic => {
@@ -154,7 +160,8 @@ impl Drawn {
         batch: &mut PathBatch,
     ) {
         let weight = &self.weight[lanes.clone()];
-        let keep = |values: &[f32], into: &mut Vec<f32>| compact(weight, &values[lanes.clone()], into);
+        let keep =
+            |values: &[f32], into: &mut Vec<f32>| compact(weight, &values[lanes.clone()], into);
         keep(&self.incident, &mut batch.incident);
         if microfacet {
             keep(&self.half, &mut batch.half);
@@ -162,7 +169,11 @@ impl Drawn {
         }
         match plan.lookup {
             Lookup::Stochastic => {
-                compact(weight, &self.light[lanes.clone()], &mut batch.light.index[0]);
+                compact(
+                    weight,
+                    &self.light[lanes.clone()],
+                    &mut batch.light.index[0],
+                );
                 compact(weight, &self.mask[lanes.clone()], &mut batch.mask.index[0]);
             }
             Lookup::Bilinear => {
@@ -184,16 +195,15 @@ impl Drawn {
 /// Appends the values of nonzero weight, without a branch.
 #[inline(always)]
 fn compact<T: Copy + Default>(weight: &[f32], values: &[T], into: &mut Vec<T>) {
-    let start = into.len();
-    into.resize(start + values.len(), T::default());
-    let tail = &mut into[start..];
-    let mut kept = 0;
-    for (value, weight) in values.iter().zip(weight) {
-        // Until the last value there is always room; the index never passes the value's own.
-        tail[kept] = *value;
-        kept += usize::from(*weight > 0.0);
+    let mut kept = [T::default(); WIDTH];
+    for (values, weight) in values.chunks(WIDTH).zip(weight.chunks(WIDTH)) {
+        let mut count = 0;
+        for (value, weight) in values.iter().zip(weight) {
+            kept[count % WIDTH] = *value;
+            count += usize::from(*weight > 0.0);
+        }
+        into.extend_from_slice(&kept[..count]);
     }
-    into.truncate(start + kept);
 }
 
 /// The random numbers of a point.
