@@ -7,6 +7,8 @@ pub mod materials;
 pub mod occluders;
 mod read;
 
+pub use read::estimate;
+
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -164,11 +166,15 @@ pub enum EvaluateError {
 }
 
 /// What [`evaluate`] reads from a run's folder; kept here so that its parts stay plain functions of images.
-struct Estimate {
-    environment: render::image::Image,
-    occluders: Vec<render::image::Image>,
-    materials: Vec<render::image::Image>,
-    metrics: Metrics,
+pub struct Estimate {
+    /// Linear radiance.
+    pub environment: render::image::Image,
+    /// Transmittance of each frame's occluder; none when not modelled.
+    pub occluders: Vec<render::image::Image>,
+    /// Materials through each camera: R, G, B, alpha, kappa.
+    pub materials: Vec<render::image::Image>,
+    /// Numbers of the run.
+    pub metrics: Metrics,
 }
 
 /// What it reads from a truth folder, each part where there is one.

@@ -34,6 +34,9 @@ pub struct Settings {
     pub harmonic_degree: usize,
     /// Mesh given in place of the capture's own.
     pub mesh: Option<PathBuf>,
+    /// Folder of an earlier result that the `paper` preset starts from.
+    #[serde(default)]
+    pub from: Option<PathBuf>,
 }
 
 impl Default for Settings {
@@ -52,6 +55,7 @@ impl Default for Settings {
             grid_rows: 50,
             harmonic_degree: 16,
             mesh: None,
+            from: None,
         }
     }
 }

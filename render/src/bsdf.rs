@@ -9,7 +9,6 @@ use std::f64::consts::PI;
 use glam::Vec3;
 
 use crate::math::{Float, Frame};
-use crate::sampler::Stream;
 use crate::warp;
 
 /// Which reflectance a surface has.
@@ -115,44 +114,62 @@ impl Model {
 /// A distribution of incident directions that follows the material: a cosine lobe, mixed for GGX with its visible normals.
 #[derive(Clone, Copy, Debug)]
 pub struct MaterialSampler {
-    frame: Frame,
-    outgoing: Vec3,
-    alpha: f32,
-    cosine_share: f32,
+    pub(crate) frame: Frame,
+    /// In the frame.
+    pub(crate) outgoing: Vec3,
+    pub(crate) alpha: f32,
+    pub(crate) cosine_share: f32,
 }
 
-/// Share of the cosine lobe in the mixture. Most light of a dielectric is diffuse; half keeps the weight of any sample
-/// below twice that of its own lobe.
-const COSINE_SHARE: f32 = 0.5;
+/// One part of the mixture of [`MaterialSampler`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lobe {
+    /// By the cosine.
+    Cosine,
+    /// Mirrored at a visible normal.
+    VisibleNormal,
+}
+
+/// How many of `samples` are drawn from each lobe: the cosine's first.
+///
+/// Most light of a dielectric is diffuse; half keeps the weight of any sample below twice that of its own lobe. Numbers
+/// fixed beforehand have less variance than lobes drawn by chance, and the mixture's density in the weight suits both.
+pub fn lobe_samples(model: Model, samples: usize) -> [usize; 2] {
+    match model {
+        Model::Lambertian => [samples, 0],
+        Model::Microfacet => [samples.div_ceil(2), samples / 2],
+    }
+}
 
 impl MaterialSampler {
-    /// The distribution at a surface of unit `normal` seen from the unit direction `outgoing`.
-    ///
-    /// A view from below the shading normal (interpolated normals allow it) falls back to the cosine lobe.
-    pub fn new(model: Model, alpha: f32, normal: Vec3, outgoing: Vec3) -> Self {
+    /// The distribution at a surface of unit `normal` seen from the unit direction `outgoing`, with a share of the cosine
+    /// lobe. A view from below the shading normal (interpolated normals allow it) sees the cosine lobe alone.
+    #[inline(always)]
+    pub fn new(cosine_share: f32, alpha: f32, normal: Vec3, outgoing: Vec3) -> Self {
         let frame = Frame::new(normal);
-        let local = frame.to_local(outgoing);
-        let specular = model == Model::Microfacet && local.z > 1e-4;
+        let outgoing = frame.to_local(outgoing);
         Self {
             frame,
-            outgoing: local,
+            outgoing,
             alpha,
-            cosine_share: if specular { COSINE_SHARE } else { 1.0 },
+            cosine_share: if outgoing.z > 0.0 { cosine_share } else { 1.0 },
         }
     }
 
-    /// A direction at `u` of [0, 1)², its lobe chosen by `stream`; it may fall below the surface, where f is zero.
-    pub fn sample(&self, u: [f32; 2], stream: &mut Stream) -> Vec3 {
-        let local = if self.cosine_share == 1.0 || stream.uniform() < self.cosine_share {
-            warp::cosine(u)
-        } else {
-            let half = warp::ggx_visible_normal(u, self.outgoing, self.alpha);
-            warp::reflect(self.outgoing, half)
+    /// A direction of a lobe at `u` of [0, 1)²; it may fall below the surface, where f is zero.
+    #[inline(always)]
+    pub fn sample(&self, lobe: Lobe, u: [f32; 2]) -> Vec3 {
+        let local = match lobe {
+            Lobe::Cosine => warp::cosine(u),
+            Lobe::VisibleNormal => {
+                let half = warp::ggx_visible_normal(u, self.outgoing, self.alpha);
+                warp::reflect(self.outgoing, half)
+            }
         };
-        self.frame.to_world(local).normalize()
+        self.frame.to_world(local)
     }
 
-    /// The density (1/sr) of a unit direction.
+    /// The density (1/sr) of a unit direction in the mixture.
     pub fn density(&self, incident: Vec3) -> f32 {
         let local = self.frame.to_local(incident);
         let cosine = self.cosine_share * warp::cosine_density(local);

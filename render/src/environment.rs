@@ -5,6 +5,7 @@ mod light;
 use glam::Vec3;
 use thiserror::Error;
 
+pub(crate) use light::Cell;
 pub use light::{LightDistribution, LightSample};
 
 use crate::image::Image;

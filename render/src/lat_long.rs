@@ -55,13 +55,15 @@ impl LatLong {
     }
 
     /// The unit direction at (u, v) of [0, 1]².
+    #[inline(always)]
     pub fn direction(u: f32, v: f32) -> Vec3 {
         let (sin_phi, cos_phi) = fast_sin_cos(0.5 - u);
         let (sin_theta, cos_theta) = fast_sin_cos(0.5 * v);
         Vec3::new(sin_theta * cos_phi, sin_theta * sin_phi, cos_theta)
     }
 
-    /// The coordinates (u, v) of a unit direction.
+    /// The coordinates (u, v) of a direction, of any length.
+    #[inline(always)]
     pub fn coordinates(direction: Vec3) -> [f32; 2] {
         // acos(z) has no digits left next to the poles; atan2 of the two legs keeps them.
         let horizontal = (direction.x * direction.x + direction.y * direction.y).sqrt();
@@ -100,11 +102,34 @@ impl LatLong {
     }
 
     /// The texel that holds (u, v) of [0, 1]².
-    #[inline]
+    #[inline(always)]
     pub fn texel_at(&self, u: f32, v: f32) -> usize {
-        let column = ((u * self.columns as f32) as usize) % self.columns;
-        let row = ((v * self.rows as f32) as usize).min(self.rows - 1);
-        row * self.columns + column
+        let (rows, columns) = (self.rows as i32, self.columns as i32);
+        let column = (u * self.columns as f32) as i32;
+        let column = if column >= columns {
+            column - columns
+        } else {
+            column
+        };
+        let row = ((v * self.rows as f32) as i32).min(rows - 1);
+        (row * columns + column) as usize
+    }
+
+    /// One of the four texels around (u, v) of [0, 1]², by their weights in [`bilinear_at`](Self::bilinear_at), at `choice` of
+    /// (0, 1)² (Fajardo et al., "Stochastic Texture Filtering", 2023): moving the place by up to a texel does it.
+    #[inline(always)]
+    pub fn stochastic_at(&self, u: f32, v: f32, choice: [f32; 2]) -> u32 {
+        let (rows, columns) = (self.rows as i32, self.columns as i32);
+        // Half a texel to the left, where truncation would round up, is moved to the right first.
+        let column = (u * self.columns as f32 + 0.5 + choice[0]) as i32 - 1;
+        let column = if column < 0 { column + columns } else { column };
+        let column = if column >= columns {
+            column - columns
+        } else {
+            column
+        };
+        let row = (v * self.rows as f32 + 0.5 + choice[1]) as i32 - 1;
+        (row.max(0).min(rows - 1) * columns + column) as u32
     }
 
     /// The four texels around a direction.
@@ -166,6 +191,30 @@ mod tests {
         let grid = LatLong::new(50, 100);
         let total: f32 = (0..50).map(|r| grid.solid_angle(r) * 100.0).sum();
         assert!((total - 4.0 * PI).abs() < 1e-4);
+    }
+
+    #[test]
+    fn a_texel_is_chosen_as_often_as_it_weighs() {
+        let grid = LatLong::new(5, 8);
+        let n = 64;
+        for (u, v) in [
+            (0.0, 0.5),
+            (0.01, 0.03),
+            (0.37, 0.62),
+            (0.99, 0.97),
+            (1.0, 1.0),
+        ] {
+            let mut share = vec![0.0; grid.len()];
+            for i in 0..n * n {
+                let choice = [i % n, i / n].map(|k| (k as f32 + 0.5) / n as f32);
+                share[grid.stochastic_at(u, v, choice) as usize] += 1.0 / (n * n) as f32;
+            }
+            let texels = grid.bilinear_at(u, v);
+            for k in 0..4 {
+                share[texels.index[k] as usize] -= texels.weight[k];
+            }
+            assert!(share.iter().all(|s| s.abs() < 0.03), "{u} {v}: {share:?}");
+        }
     }
 
     #[test]

@@ -9,14 +9,20 @@ use crate::lat_long::{Bilinear, LatLong};
 /// `direction` has unit length and `point` is inside the sphere, so that there is exactly one such place.
 #[inline]
 pub fn shell_direction(point: Vec3, direction: Vec3, radius: f32) -> Vec3 {
+    // Normalised anew: the caller's direction may be off by rounding.
+    shell_place(point, direction, radius * radius - point.length_squared()).normalize()
+}
+
+/// The place itself, from `reach` = radius² − |point|²; a lookup needs no unit length.
+#[inline(always)]
+pub(crate) fn shell_place(point: Vec3, direction: Vec3, reach: f32) -> Vec3 {
     let along = point.dot(direction);
-    let root = (along * along + (radius * radius - point.length_squared()).max(0.0)).sqrt();
-    // Normalised anew: the caller's direction may be off by rounding, and the lookup divides by nothing.
-    (point + (root - along) * direction).normalize()
+    let root = (along * along + reach.max(0.0)).sqrt();
+    point + (root - along) * direction
 }
 
 /// Where a ray looks a mask up, at the radius of its shell.
-#[inline]
+#[inline(always)]
 pub fn mask_lookup(grid: LatLong, point: Vec3, direction: Vec3, radius: f32) -> Bilinear {
     grid.bilinear(shell_direction(point, direction, radius))
 }

@@ -4,7 +4,9 @@
 //! gradient (Zeltner et al. 2021): the tape sees only what this batch holds, and re-evaluates the integrand at these fixed
 //! directions. Samples that cannot contribute (hidden, below the surface) are dropped, so a point has a varying number.
 
+mod block;
 mod draw;
+mod quadrature;
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -13,7 +15,7 @@ use self::draw::Draw;
 use crate::bsdf::{Cosines, Material, Model, microfacet};
 use crate::bvh::{Bvh, SurfacePoint};
 use crate::environment::LightDistribution;
-use crate::lat_long::LatLong;
+use crate::lat_long::{Bilinear, LatLong};
 use crate::transport::Quadrature;
 use crate::visibility::Visibility;
 
@@ -89,9 +91,9 @@ pub struct PathBatch {
     pub outgoing: Vec<f32>,
     /// n·ωi of each sample.
     pub incident: Vec<f32>,
-    /// n·h.
+    /// n·h; nothing for Lambertian samples, which need none.
     pub half: Vec<f32>,
-    /// h·ωi.
+    /// h·ωi; likewise.
     pub difference: Vec<f32>,
     /// Multiple-importance weight over (sample count × density): a point's radiance is Σ weight · L · M · f · n·ωi.
     pub weight: Vec<f32>,
@@ -110,20 +112,15 @@ pub struct Corners {
     pub weight: Vec<Vec<f32>>,
 }
 
-/// Points are sampled in parallel in runs of this many; results do not depend on it.
-const RUN: usize = 128;
+/// Points are sampled in parallel in runs of about this many samples; results do not depend on it.
+const RUN: usize = 1 << 14;
 
 impl PathBatch {
     /// Draws the samples of all points.
     pub fn sample(scene: &PathScene, points: &[ShadingPoint], settings: &PathSettings) -> Self {
-        let run = |points: &[ShadingPoint]| {
-            let mut draw = Draw::new(scene, settings.lookup);
-            points
-                .iter()
-                .for_each(|point| draw.monte_carlo(point, settings));
-            draw.finish()
-        };
-        let runs: Vec<Self> = points.par_chunks(RUN).map(run).collect();
+        let run = |points: &[ShadingPoint]| Draw::new(scene, settings).run(points);
+        let each = (settings.light_samples + settings.material_samples).max(1);
+        let runs: Vec<Self> = points.par_chunks(RUN.div_ceil(each)).map(run).collect();
         Self::join(&runs, settings.lookup)
     }
 
@@ -131,14 +128,8 @@ impl PathBatch {
     /// its solid angle. It has no noise, and the bias of its grid.
     pub fn quadrature(scene: &PathScene, points: &[ShadingPoint], side: usize) -> Self {
         let quadrature = Quadrature::new(scene.environment_grid, side);
-        let run = |points: &[ShadingPoint]| {
-            let mut draw = Draw::new(scene, Lookup::Bilinear);
-            points
-                .iter()
-                .for_each(|point| draw.quadrature(point, &quadrature));
-            draw.finish()
-        };
-        let runs: Vec<Self> = points.par_chunks(RUN).map(run).collect();
+        let run = |points: &[ShadingPoint]| quadrature::quadrature(scene, points, &quadrature);
+        let runs: Vec<Self> = points.par_chunks(16).map(run).collect();
         Self::join(&runs, Lookup::Bilinear)
     }
 
@@ -207,23 +198,28 @@ impl PathBatch {
     }
 
     fn join(runs: &[Self], lookup: Lookup) -> Self {
-        let mut all = Self::empty(lookup);
-        runs.iter().for_each(|run| all.append(run));
-        all
+        let mut offsets = vec![0];
+        for run in runs {
+            let start = offsets[offsets.len() - 1];
+            offsets.extend(run.offsets[1..].iter().map(|o| o + start));
+        }
+        let all = |part: fn(&Self) -> &[f32]| concatenate(runs.iter().map(part));
+        Self {
+            offsets,
+            outgoing: all(|run| &run.outgoing),
+            incident: all(|run| &run.incident),
+            half: all(|run| &run.half),
+            difference: all(|run| &run.difference),
+            weight: all(|run| &run.weight),
+            light: Corners::join(runs.iter().map(|run| &run.light), lookup),
+            mask: Corners::join(runs.iter().map(|run| &run.mask), lookup),
+        }
     }
+}
 
-    fn append(&mut self, other: &Self) {
-        let start = self.weight.len() as u32;
-        self.offsets
-            .extend(other.offsets[1..].iter().map(|o| o + start));
-        self.outgoing.extend_from_slice(&other.outgoing);
-        self.incident.extend_from_slice(&other.incident);
-        self.half.extend_from_slice(&other.half);
-        self.difference.extend_from_slice(&other.difference);
-        self.weight.extend_from_slice(&other.weight);
-        self.light.append(&other.light);
-        self.mask.append(&other.mask);
-    }
+/// All values after one another, allocated once.
+fn concatenate<'a, T: Copy + 'a>(parts: impl Iterator<Item = &'a [T]>) -> Vec<T> {
+    parts.collect::<Vec<_>>().concat()
 }
 
 impl Lookup {
@@ -255,14 +251,22 @@ impl Corners {
         }
     }
 
-    fn append(&mut self, other: &Self) {
-        self.index
-            .iter_mut()
-            .zip(&other.index)
-            .for_each(|(all, run)| all.extend_from_slice(run));
-        self.weight
-            .iter_mut()
-            .zip(&other.weight)
-            .for_each(|(all, run)| all.extend_from_slice(run));
+    fn push(&mut self, texels: &Bilinear) {
+        for (index, texel) in self.index.iter_mut().zip(texels.index) {
+            index.push(texel);
+        }
+        for (weights, weight) in self.weight.iter_mut().zip(texels.weight) {
+            weights.push(weight);
+        }
+    }
+
+    fn join<'a>(parts: impl Iterator<Item = &'a Self> + Clone, lookup: Lookup) -> Self {
+        let empty = Self::empty(lookup);
+        let index = |k: usize| concatenate(parts.clone().map(|part| part.index[k].as_slice()));
+        let weight = |k: usize| concatenate(parts.clone().map(|part| part.weight[k].as_slice()));
+        Self {
+            index: (0..empty.index.len()).map(index).collect(),
+            weight: (0..empty.weight.len()).map(weight).collect(),
+        }
     }
 }

@@ -30,6 +30,52 @@ impl SampleKey {
     }
 }
 
+impl SampleKey {
+    /// The numbers of this key by index, without a stream's state.
+    pub fn counter(self) -> Counter {
+        let low = mix(self.seed ^ mix(u64::from(self.frame) << 32 | u64::from(self.pixel)));
+        let high = mix(low ^ (u64::from(self.sample) << 32 | u64::from(self.dimension)));
+        Counter([high as u32, (high >> 32) as u32])
+    }
+}
+
+/// Random words by index: samples evaluated together need no order among each other.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counter(pub [u32; 2]);
+
+impl Counter {
+    /// The four words at an index of one of several sequences.
+    ///
+    /// `pcg4d` of Jarzynski & Olano, "Hash Functions for GPU Rendering", JCGT 9(3), 2020, with a last shift that lets the
+    /// low bits know of the high ones.
+    #[inline(always)]
+    pub fn words(self, sequence: u32, index: u32) -> [u32; 4] {
+        let start = |x: u32| x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        let [mut x, mut y] = self.0.map(start);
+        let (mut z, mut w) = (start(index), start(sequence));
+        for _ in 0..2 {
+            x = x.wrapping_add(y.wrapping_mul(w));
+            y = y.wrapping_add(z.wrapping_mul(x));
+            z = z.wrapping_add(x.wrapping_mul(y));
+            w = w.wrapping_add(y.wrapping_mul(z));
+            [x, y, z, w] = [x, y, z, w].map(|v| v ^ (v >> 16));
+        }
+        [x, y, z, w]
+    }
+}
+
+/// A word as a uniform number of [0, 1), a multiple of 2⁻²⁴.
+#[inline(always)]
+pub fn unit(word: u32) -> f32 {
+    (word >> 8) as i32 as f32 * (1.0 / 16_777_216.0)
+}
+
+/// A word as two uniform numbers of (0, 1), each in the middle of one of 65,536 steps.
+#[inline(always)]
+pub fn unit_pair(word: u32) -> [f32; 2] {
+    [word >> 16, word & 0xffff].map(|half| (half as i32 as f32 + 0.5) * (1.0 / 65_536.0))
+}
+
 /// A stream of uniform numbers.
 #[derive(Clone, Debug)]
 pub struct Stream(Pcg32);
@@ -83,27 +129,22 @@ impl Stratified {
 
     /// Point `i` of the set: a place in its cell given by `jitter` of [0, 1)².
     pub fn point(&self, i: usize, jitter: [f32; 2]) -> [f32; 2] {
-        self.point_in([i % self.columns, i / self.columns], jitter)
+        self.point_in(self.cell(i), jitter)
+    }
+
+    /// Column and row of cell `i`, row by row.
+    pub fn cell(&self, i: usize) -> [f32; 2] {
+        [(i % self.columns) as f32, (i / self.columns) as f32]
     }
 
     /// The point at `jitter` of [0, 1)² of the cell in a column and row.
-    #[inline]
-    pub fn point_in(&self, [column, row]: [usize; 2], jitter: [f32; 2]) -> [f32; 2] {
+    #[inline(always)]
+    pub fn point_in(&self, [column, row]: [f32; 2], jitter: [f32; 2]) -> [f32; 2] {
         let below_one = 1.0 - f32::EPSILON / 2.0;
         [
-            ((column as f32 + jitter[0]) / self.columns as f32).min(below_one),
-            ((row as f32 + jitter[1]) / self.rows as f32).min(below_one),
+            ((column + jitter[0]) / self.columns as f32).min(below_one),
+            ((row + jitter[1]) / self.rows as f32).min(below_one),
         ]
-    }
-
-    /// Visits all cells, row by row, as `[column, row]`.
-    #[inline]
-    pub fn for_each(self, mut visit: impl FnMut(&Self, [usize; 2])) {
-        for row in 0..self.rows {
-            for column in 0..self.columns {
-                visit(&self, [column, row]);
-            }
-        }
     }
 }
 
@@ -151,6 +192,45 @@ mod tests {
         for other in others {
             assert_ne!(first(key), first(other));
         }
+    }
+
+    #[test]
+    fn counted_words_are_uniform_and_uncorrelated() {
+        let words = |pixel: u32, i: u32| {
+            let key = SampleKey {
+                pixel,
+                ..SampleKey::default()
+            };
+            key.counter().words(1, i)
+        };
+        let mut counts = vec![0.0_f64; 256];
+        let (mut lags, n) = ([0.0_f64; 5], 1 << 16);
+        for k in 0..n {
+            let (pixel, i) = (k / 64, k % 64);
+            let [a, b, c, d] = words(pixel, i).map(|w| f64::from(unit(w)) - 0.5);
+            let next = f64::from(unit(words(pixel, i + 1)[0])) - 0.5;
+            let beside = f64::from(unit(words(pixel + 1, i)[0])) - 0.5;
+            for (lag, product) in lags
+                .iter_mut()
+                .zip([a * b, b * c, c * d, a * next, a * beside])
+            {
+                *lag += product / f64::from(n);
+            }
+            let [high, low] = unit_pair(words(pixel, i)[3]);
+            counts[(16.0 * high) as usize * 16 + (16.0 * low) as usize] += 1.0;
+        }
+        for lag in lags {
+            assert!(lag.abs() < 4.0 / 12.0 / f64::from(n).sqrt(), "{lags:?}");
+        }
+        let expected = f64::from(n) / 256.0;
+        let chi_square: f64 = counts
+            .iter()
+            .map(|c| (c - expected).powi(2) / expected)
+            .sum();
+        assert!(
+            (chi_square - 255.0).abs() < 4.0 * (2.0_f64 * 255.0).sqrt(),
+            "{chi_square}"
+        );
     }
 
     #[test]

@@ -88,6 +88,11 @@ impl VisibilityCache {
         self.bit(point, self.fine.texel_at(u, v))
     }
 
+    /// The grid of the bits.
+    pub(crate) fn fine(&self) -> LatLong {
+        self.fine
+    }
+
     /// The share of a texel of the original grid that a point sees.
     pub fn coverage(&self, point: usize, texel: usize) -> f32 {
         let columns = self.fine.columns / self.side;
@@ -101,8 +106,9 @@ impl VisibilityCache {
         seen.count() as f32 / (self.side * self.side) as f32
     }
 
+    /// Whether point `point` sees out through a texel of the grid of the bits.
     #[inline]
-    fn bit(&self, point: usize, part: usize) -> bool {
+    pub(crate) fn bit(&self, point: usize, part: usize) -> bool {
         self.bits[point * self.words + part / 64] >> (part % 64) & 1 != 0
     }
 }

@@ -26,6 +26,7 @@ const RECONSTRUCT_EXAMPLES: &str = "Examples:
   eclipse reconstruct tests/captures/potatoes
   eclipse reconstruct my-capture --out out/first --time-limit 10m --hold-out 8
   eclipse reconstruct my-capture --out out/first --time-limit 1h --resume
+  eclipse reconstruct my-capture --out out/refined --preset paper --from out/first --hold-out 8
 
 A capture is a folder with transforms.json (Blender/NeRF or nerfstudio fields), the photographs it
 names (EXR, HDR, PNG, JPEG; alpha or masks) and a mesh (mesh.glb, .gltf, .obj or .ply).";
@@ -44,6 +45,9 @@ pub(super) struct ReconstructArguments {
     /// Algorithm: the best known, or the paper's to the letter.
     #[arg(long, value_enum, default_value_t = PresetName::Fast)]
     pub preset: PresetName,
+    /// Start from the result in DIR, of the same capture (paper preset).
+    #[arg(long, value_name = "DIR")]
+    pub from: Option<PathBuf>,
     /// Time for the solve, such as 90s, 10m or 1h30m [default: 120s, or none with --iterations].
     #[arg(long, value_name = "TIME", value_parser = units::duration)]
     pub time_limit: Option<f64>,
@@ -89,6 +93,12 @@ pub(super) fn run(
     out: &mut dyn Write,
 ) -> Result<Outcome, Failure> {
     let settings = arguments.settings();
+    if settings.from.is_some() && settings.preset != Preset::Paper {
+        return Err(Failure {
+            outcome: Outcome::Usage,
+            message: "--from is of the paper preset: add --preset paper".to_owned(),
+        });
+    }
     let folder = arguments.out();
     let resumed = arguments.resume.then(|| checkpoint::load(&folder));
     let resumed = resumed.transpose().map_err(Failure::bad_input)?;
@@ -234,6 +244,7 @@ impl ReconstructArguments {
                 PresetName::Paper => PAPER_DEGREE,
             },
             mesh: self.mesh.clone(),
+            from: self.from.clone(),
             ..default
         }
     }

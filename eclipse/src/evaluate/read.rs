@@ -21,7 +21,10 @@ use crate::{
 const COVERED: f32 = 0.999;
 
 /// Reads a run's outputs; only the environment must be there.
-pub(super) fn estimate(folder: &Path) -> Result<Estimate, EvaluateError> {
+///
+/// # Errors
+/// A file that is missing or cannot be read.
+pub fn estimate(folder: &Path) -> Result<Estimate, EvaluateError> {
     let environment = colour(&folder.join(layout::ENVIRONMENT))?;
     let mut materials = Vec::new();
     for path in images(&folder.join(layout::MATERIALS), "")? {

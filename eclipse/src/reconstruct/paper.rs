@@ -6,33 +6,33 @@
 //! as small as the time asks for ([`plan`]), with the occluders' rate lowered to match ([`state`]), and rates fall at the end.
 
 pub mod batch;
+pub mod cells;
 pub mod export;
 pub mod finish;
 pub mod materials;
 pub mod plan;
+mod problem;
+pub mod rates;
 pub mod start;
 pub mod state;
 
-use std::time::Instant;
+use std::{path::PathBuf, time::Instant};
 
 use autodiff::{GraphError, RunError};
 use glam::Vec3;
 use render::{
     bsdf::{Material, Model},
     bvh::Bvh,
-    environment::LightDistribution,
-    estimator::{Estimator, EstimatorOptions, RenderSample},
     harmonics::Harmonics,
     image::Image,
     lat_long::LatLong,
-    loss::LossForm,
     materials::MaterialNetwork,
-    path::{Lookup, PathBatch, PathScene, PathSettings, ShadingPoint},
     pyramid::Pyramid,
-    visibility::Visibility,
 };
 
-use self::{batch::Pixel, materials::MaterialEvaluator, plan::Plan, start::Start, state::State};
+use self::{
+    materials::MaterialEvaluator, plan::Plan, problem::Problem, start::Start, state::State,
+};
 use crate::{
     capture::Capture,
     checkpoint::{self, Checkpoint, CheckpointError},
@@ -41,10 +41,6 @@ use crate::{
     settings::Settings,
 };
 
-/// Levels of the environment's pyramid (Eq. 7); it ends early where a level has one texel.
-const LEVELS: usize = 6;
-/// The masks' transmittance at the start as a logit: σ(5) = 0.993.
-const START_LOGIT: f32 = 5.0;
 /// Seconds between checkpoints.
 const CHECKPOINT_SECONDS: f64 = 30.0;
 /// Iterations between points of the loss curve.
@@ -102,6 +98,14 @@ pub enum PaperError {
         /// What was found.
         loss: f64,
     },
+    /// The result to start from could not be read or does not belong to the capture.
+    #[error("cannot start from {}: {reason}", path.display())]
+    Start {
+        /// Its folder.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
     /// The tape refused its formulas.
     #[error(transparent)]
     Graph(#[from] GraphError),
@@ -113,7 +117,7 @@ pub enum PaperError {
     Checkpoint(#[from] CheckpointError),
 }
 
-/// A whole reconstruction from nothing, without remarks, from the pixels that are `used` (frame, row-major pixel).
+/// A whole reconstruction, without remarks, from nothing or from the result that the settings name, from the pixels that are `used` (frame, row-major pixel).
 ///
 /// # Errors
 /// As [`solve`].
@@ -125,7 +129,11 @@ pub fn run(
     used: &(dyn Fn(usize, u32) -> bool + Sync),
     control: &Control<'_>,
 ) -> Result<Reconstruction, PaperError> {
-    let solution = solve(capture, bvh, settings, used, None, control)?;
+    let start = match (&settings.from, control.resume) {
+        (Some(folder), None) => Some(Start::read(folder, capture, bvh)?),
+        _ => None,
+    };
+    let solution = solve(capture, bvh, settings, used, start.as_ref(), control)?;
     (control.progress)(&Progress {
         stage: "materials and renders",
         iteration: solution.iterations,
@@ -152,7 +160,27 @@ pub fn solve(
     start: Option<&Start>,
     control: &Control<'_>,
 ) -> Result<PaperSolution, PaperError> {
-    let problem = Problem::new(capture, bvh, settings, used)?;
+    let plan = match control.resume {
+        Some(checkpoint) => state::plan(checkpoint)?,
+        None => Plan::new(settings, capture),
+    };
+    solve_planned(capture, bvh, settings, plan, used, start, control)
+}
+
+/// The same with iterations of a size of one's own.
+///
+/// # Errors
+/// As [`solve`].
+pub fn solve_planned(
+    capture: &Capture,
+    bvh: &Bvh,
+    settings: &Settings,
+    plan: Plan,
+    used: &(dyn Fn(usize, u32) -> bool + Sync),
+    start: Option<&Start>,
+    control: &Control<'_>,
+) -> Result<PaperSolution, PaperError> {
+    let problem = Problem::new(capture, bvh, settings, plan, used)?;
     let mut state = problem.start(start, control)?;
     let before = control.resume.map_or(0.0, |checkpoint| checkpoint.seconds);
     let began = Instant::now();
@@ -206,175 +234,6 @@ pub fn solve(
     };
     save(&state)?;
     Ok(problem.solution(state, seconds(), ended))
-}
-
-/// What does not change during a run.
-struct Problem<'a> {
-    capture: &'a Capture,
-    bvh: &'a Bvh,
-    settings: &'a Settings,
-    pixels: Vec<Pixel>,
-    radii: Vec<f32>,
-    options: EstimatorOptions,
-    estimator: Estimator,
-    evaluator: MaterialEvaluator,
-}
-
-impl<'a> Problem<'a> {
-    fn new(
-        capture: &'a Capture,
-        bvh: &'a Bvh,
-        settings: &'a Settings,
-        used: &(dyn Fn(usize, u32) -> bool + Sync),
-    ) -> Result<Self, PaperError> {
-        let pixels = batch::pixels(bvh, &capture.frames, used);
-        if pixels.is_empty() {
-            return Err(PaperError::NoPixels);
-        }
-        let grid = LatLong::new(settings.grid_rows, 2 * settings.grid_rows);
-        let options = EstimatorOptions {
-            model: if settings.lambertian {
-                Model::Lambertian
-            } else {
-                Model::Microfacet
-            },
-            pyramid: Pyramid::new(grid, LEVELS),
-            mask_grid: grid,
-            degree: settings.harmonic_degree,
-            frames: if settings.occluders {
-                capture.frames.len()
-            } else {
-                0
-            },
-            lookup: Lookup::Stochastic,
-            form: LossForm::HalfBackward,
-        };
-        Ok(Self {
-            capture,
-            bvh,
-            settings,
-            pixels,
-            radii: capture.frames.iter().map(|f| f.camera.distance()).collect(),
-            estimator: Estimator::new(options.clone())?,
-            evaluator: MaterialEvaluator::new()?,
-            options,
-        })
-    }
-
-    /// The state before the first iteration of this run.
-    fn start(&self, start: Option<&Start>, control: &Control<'_>) -> Result<State, PaperError> {
-        let radius = self.capture.mesh.bounding_radius();
-        let seed = self.settings.seed;
-        let mut unknowns = self.options.start(START_LOGIT, seed, radius);
-        if let (Some(start), None) = (start, control.resume) {
-            let EstimatorOptions {
-                pyramid, degree, ..
-            } = &self.options;
-            start.apply(&mut unknowns, pyramid, *degree, &self.evaluator, seed)?;
-        }
-        let mut state = State::new(unknowns, Plan::new(self.settings));
-        if let Some(checkpoint) = control.resume {
-            state.restore(checkpoint)?;
-        }
-        Ok(state)
-    }
-
-    /// One iteration; returns the number of samples shaded.
-    fn iterate(&self, state: &mut State, seconds: f64) -> Result<usize, PaperError> {
-        let pixels = batch::choose(
-            &self.pixels,
-            state.plan.pixels,
-            self.settings.seed,
-            state.iteration,
-        );
-        let photographs = batch::photographs(&self.capture.frames, &pixels);
-        let light = radiance(&state.unknowns.environment, &self.options.pyramid);
-        let lights = LightDistribution::new(self.options.mask_grid, &brightness(&light));
-        let first = self.render(state, &lights, &pixels, 0)?;
-        let second = self.render(state, &lights, &pixels, 1)?;
-        let samples = [&first, &second].map(|render| RenderSample {
-            positions: &render.0,
-            batch: &render.1,
-        });
-        let (loss, gradients) = self
-            .estimator
-            .gradients(&state.unknowns, samples, &photographs)?;
-        // The half-backward form has twice the value.
-        let loss = 0.5 * loss / photographs.len() as f64;
-        if !loss.is_finite() {
-            return Err(PaperError::Diverged {
-                iteration: state.iteration + 1,
-                loss,
-            });
-        }
-        let progress = plan::progress(self.settings, state.iteration, seconds);
-        state.step(&gradients, plan::rate(progress), loss);
-        Ok(first.1.samples() + second.1.samples())
-    }
-
-    /// Positions and paths of one of the two independent renders of `pixels`.
-    fn render(
-        &self,
-        state: &State,
-        lights: &LightDistribution,
-        pixels: &[Pixel],
-        render: u32,
-    ) -> Result<(Vec<Vec3>, PathBatch), PaperError> {
-        let seed = self.settings.seed;
-        let frames = &self.capture.frames;
-        let mut points = batch::points(self.bvh, frames, pixels, seed, state.iteration, render);
-        let positions: Vec<Vec3> = points.iter().map(|p| p.surface.position).collect();
-        if self.options.model == Model::Microfacet {
-            let materials = self
-                .evaluator
-                .evaluate(&state.unknowns.network, &positions)?;
-            let follow = |(point, material): (&mut ShadingPoint, &Material)| {
-                point.alpha = material.alpha;
-            };
-            points.iter_mut().zip(&materials).for_each(follow);
-        }
-        let scene = PathScene {
-            bvh: self.bvh,
-            visibility: Visibility::Rays,
-            model: self.options.model,
-            lights,
-            environment_grid: self.options.mask_grid,
-            mask_grid: self.options.mask_grid,
-            radii: &self.radii,
-        };
-        let rays = state.plan.rays as usize;
-        let settings = PathSettings {
-            light_samples: rays / 2,
-            material_samples: rays - rays / 2,
-            seed,
-            iteration: state.iteration as u32,
-            lookup: self.options.lookup,
-            render,
-        };
-        Ok((positions, PathBatch::sample(&scene, &points, &settings)))
-    }
-
-    fn solution(self, state: State, seconds: f64, ended: Ended) -> PaperSolution {
-        let EstimatorOptions {
-            model,
-            pyramid,
-            mask_grid,
-            degree,
-            ..
-        } = &self.options;
-        PaperSolution {
-            environment: radiance(&state.unknowns.environment, pyramid),
-            masks: transmittance(&state.unknowns.occluders, *mask_grid, *degree),
-            network: state.unknowns.network,
-            model: *model,
-            radii: self.radii,
-            curve: state.curve,
-            iterations: state.iteration,
-            seconds,
-            ended,
-            evaluator: self.evaluator,
-        }
-    }
 }
 
 /// The environment of pyramid values `[channel][value]` (Eq. 7).

@@ -81,31 +81,43 @@ impl LightDistribution {
     /// The direction at `u` of [0, 1)² together with the texel that was chosen.
     #[inline]
     pub fn sample_texel(&self, u: [f32; 2]) -> LightSample {
-        let LatLong { rows, columns } = self.grid;
+        let cell = self.cell(u);
+        let [u, v] = self.coordinates(cell);
+        LightSample {
+            direction: LatLong::direction(u, v),
+            coordinates: [u, v],
+            texel: (cell.row as usize * self.grid.columns + cell.column as usize) as u32,
+        }
+    }
+
+    /// The texel at `u` of [0, 1)², and the place within it.
+    #[inline]
+    pub(crate) fn cell(&self, u: [f32; 2]) -> Cell {
+        let columns = self.grid.columns;
         let (row, y) = invert(&self.rows, &self.row_guide, u[1]);
         let cumulative = &self.columns[row * columns..][..columns];
         let guide = &self.column_guide[row * columns..][..columns];
         let (column, x) = invert(cumulative, guide, u[0]);
-        // Next to a pole there is nothing to interpolate with: the outer half of the tent is flat.
-        let down = match (row == 0 && y < 0.5, row + 1 == rows && y >= 0.5) {
-            (true, _) | (_, true) => y - 0.5,
-            _ => tent(y),
-        };
-        let u = (column as f32 + 0.5 + tent(x)) / columns as f32;
-        let v = (row as f32 + 0.5 + down) / rows as f32;
-        let u = if u < 0.0 {
-            u + 1.0
-        } else if u >= 1.0 {
-            u - 1.0
-        } else {
-            u
-        };
-        let texel = row * columns + column;
-        LightSample {
-            direction: LatLong::direction(u, v),
-            coordinates: [u, v],
-            texel: texel as u32,
+        Cell {
+            row: row as u32,
+            column: column as u32,
+            place: [x, y],
         }
+    }
+
+    /// The grid coordinates that a cell's texel is drawn at.
+    #[inline(always)]
+    pub(crate) fn coordinates(&self, cell: Cell) -> [f32; 2] {
+        let LatLong { rows, columns } = self.grid;
+        let [x, y] = cell.place;
+        // Next to a pole there is nothing to interpolate with: the outer half of the tent is flat.
+        let top = (cell.row == 0) & (y < 0.5);
+        let bottom = (cell.row + 1 == rows as u32) & (y >= 0.5);
+        let down = if top | bottom { y - 0.5 } else { tent(y) };
+        let u = (cell.column as i32 as f32 + 0.5 + tent(x)) / columns as f32;
+        let v = (cell.row as i32 as f32 + 0.5 + down) / rows as f32;
+        let turns = if u < 0.0 { 1.0 } else { 0.0 } - if u >= 1.0 { 1.0 } else { 0.0 };
+        [u + turns, v]
     }
 
     /// The density per solid angle (1/sr) of drawing a unit direction, by whichever texel.
@@ -128,14 +140,22 @@ impl LightDistribution {
     }
 
     /// Texels per solid angle at a direction.
-    #[inline]
-    fn per_solid_angle(&self, direction: Vec3) -> f32 {
+    #[inline(always)]
+    pub(crate) fn per_solid_angle(&self, direction: Vec3) -> f32 {
         use std::f32::consts::PI;
         let sin_theta = (direction.x * direction.x + direction.y * direction.y)
             .sqrt()
             .max(1e-6);
-        self.grid.len() as f32 / (2.0 * PI * PI * sin_theta)
+        self.grid.len() as f32 / (2.0 * PI * PI) / sin_theta
     }
+}
+
+/// A texel and a place of [0, 1)² (across, down) by which it is drawn from.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Cell {
+    pub(crate) row: u32,
+    pub(crate) column: u32,
+    pub(crate) place: [f32; 2],
 }
 
 /// A direction drawn from a [`LightDistribution`].
@@ -150,13 +170,11 @@ pub struct LightSample {
 }
 
 /// The place of [−1, 1] at which the tent 1 − |x| has accumulated the share `u`.
-#[inline]
+#[inline(always)]
 fn tent(u: f32) -> f32 {
-    if u < 0.5 {
-        (2.0 * u).sqrt() - 1.0
-    } else {
-        1.0 - (2.0 - 2.0 * u).sqrt()
-    }
+    let rising = u < 0.5;
+    let root = (2.0 * if rising { u } else { 1.0 - u }).sqrt();
+    if rising { root - 1.0 } else { 1.0 - root }
 }
 
 /// For each k, the first cell whose cumulative mass exceeds k/n: a search that starts there takes about one step where

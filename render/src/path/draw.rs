@@ -1,256 +1,219 @@
-//! Draws the samples of a run of points.
+//! Draws the samples of a run of points: block by block, strategy by strategy, then in the order of the points.
 
-use glam::Vec3;
+use super::block::{Block, Plan, STRATEGIES, WIDTH};
+use super::quadrature::of_frame;
+use super::{Lookup, PathBatch, PathScene, PathSettings, ShadingPoint};
+use crate::bsdf::{Model, lobe_samples};
+use crate::sampler::{Counter, SampleKey, Stratified};
 
-use super::{Corners, Lookup, PathBatch, PathScene, PathSettings, ShadingPoint};
-use crate::bsdf::{MaterialSampler, Model, power_heuristic};
-use crate::lat_long::{Bilinear, LatLong};
-use crate::occluder::mask_lookup;
-use crate::sampler::{SampleKey, Stratified, Stream};
-use crate::transport::Quadrature;
+/// Samples of a group of points: enough to fill blocks, few enough to stay in the first cache levels.
+const GROUP: usize = 512;
 
 /// A batch in the making.
-///
-/// Finished samples wait in a small buffer before they are spread over the batch's arrays: written one by one to twenty
-/// arrays that grow alike, they would evict each other from the first-level cache.
 pub(super) struct Draw<'a> {
-    scene: &'a PathScene<'a>,
-    lookup: Lookup,
+    plan: Plan<'a>,
+    settings: PathSettings,
+    /// Points of a group.
+    group: usize,
+    block: Box<Block>,
+    /// Results of each strategy for a group, by point.
+    drawn: [Drawn; 3],
     batch: PathBatch,
-    buffer: Vec<Sample>,
-    samples: u32,
 }
 
-/// A sample that carries light.
-#[derive(Clone, Copy)]
-struct Sample {
-    incident: f32,
-    half: f32,
-    difference: f32,
-    weight: f32,
-    light: Bilinear,
-    mask: Bilinear,
+/// Results of many samples, those that carry no light included.
+#[derive(Default)]
+struct Drawn {
+    incident: Vec<f32>,
+    half: Vec<f32>,
+    difference: Vec<f32>,
+    weight: Vec<f32>,
+    light: Vec<u32>,
+    mask: Vec<u32>,
+    light_at: [Vec<f32>; 2],
+    mask_at: [Vec<f32>; 2],
 }
-
-/// Samples in the buffer: 5 KB.
-const BUFFER: usize = 64;
 
 impl<'a> Draw<'a> {
-    pub(super) fn new(scene: &'a PathScene<'a>, lookup: Lookup) -> Self {
-        let buffer = Vec::with_capacity(BUFFER);
+    pub(super) fn new(scene: &'a PathScene<'a>, settings: &PathSettings) -> Self {
+        let [cosine, normal] = lobe_samples(scene.model, settings.material_samples);
+        let counts = [settings.light_samples, cosine, normal];
+        let total: usize = counts.iter().sum();
         Self {
-            scene,
-            lookup,
-            batch: PathBatch::empty(lookup),
-            buffer,
-            samples: 0,
+            plan: Plan {
+                scene,
+                lookup: settings.lookup,
+                counts,
+            },
+            settings: *settings,
+            group: GROUP.div_ceil(total.max(1)),
+            block: Block::new(),
+            drawn: Default::default(),
+            batch: PathBatch::empty(settings.lookup),
         }
     }
 
-    pub(super) fn finish(mut self) -> PathBatch {
-        self.flush();
+    /// Draws the samples of a run of points.
+    pub(super) fn run(mut self, points: &[ShadingPoint]) -> PathBatch {
+        for group in points.chunks(self.group) {
+            for strategy in 0..STRATEGIES.len() {
+                self.draw(group, strategy);
+            }
+            self.merge(group);
+        }
         self.batch
     }
 
-    /// Draws the light and material samples of a point.
-    pub(super) fn monte_carlo(&mut self, point: &ShadingPoint, settings: &PathSettings) {
-        let normal = point.surface.normal;
-        let sampler = MaterialSampler::new(self.scene.model, point.alpha, normal, point.outgoing);
-        let (lights, materials) = (
-            settings.light_samples as f32,
-            settings.material_samples as f32,
-        );
-        let mut numbers = stream(point, settings, 0);
-        Stratified::new(settings.light_samples).for_each(|set, cell| {
-            let light = self
-                .scene
-                .lights
-                .sample_texel(set.point_in(cell, numbers.uniform_2d()));
-            let (direction, uv) = (light.direction, light.coordinates);
-            if self.lit(point, direction, uv) {
-                let texels = self.read(&mut numbers, uv, Some(light.texel));
-                let density = self.light_density(&texels, direction);
-                let other = if materials > 0.0 {
-                    sampler.density(direction)
-                } else {
-                    0.0
-                };
-                let weight =
-                    power_heuristic(lights, density, materials, other) / (lights * density);
-                self.push(point, direction, weight, texels, &mut numbers);
-            }
-        });
-        let mut numbers = stream(point, settings, 1);
-        Stratified::new(settings.material_samples).for_each(|set, cell| {
-            let place = set.point_in(cell, numbers.uniform_2d());
-            let direction = sampler.sample(place, &mut numbers);
-            let uv = LatLong::coordinates(direction);
-            if self.lit(point, direction, uv) {
-                let texels = self.read(&mut numbers, uv, None);
-                let density = sampler.density(direction);
-                let other = if lights > 0.0 {
-                    self.light_density(&texels, direction)
-                } else {
-                    0.0
-                };
-                let weight =
-                    power_heuristic(materials, density, lights, other) / (materials * density);
-                // A density of zero leaves 0/0: such a direction is drawn by rounding alone.
-                let weight = if density > 0.0 { weight } else { 0.0 };
-                self.push(point, direction, weight, texels, &mut numbers);
-            }
-        });
-        self.end_point(point);
-    }
-
-    /// Takes every direction of a quadrature.
-    pub(super) fn quadrature(&mut self, point: &ShadingPoint, quadrature: &Quadrature) {
-        for texel in 0..quadrature.grid().len() {
-            for ray in 0..quadrature.rays() {
-                let direction = quadrature.direction(texel, ray);
-                let uv = LatLong::coordinates(direction);
-                if self.lit(point, direction, uv) {
-                    let texels = self.scene.environment_grid.bilinear_at(uv[0], uv[1]);
-                    let mut unused = SampleKey::default().stream();
-                    self.push(
-                        point,
-                        direction,
-                        quadrature.solid_angle(texel, ray),
-                        texels,
-                        &mut unused,
-                    );
+    /// Draws a strategy's samples of a group of points.
+    #[inline(always)]
+    fn draw(&mut self, points: &[ShadingPoint], strategy: usize) {
+        let each = self.plan.counts[strategy];
+        let set = Stratified::new(each);
+        self.drawn[strategy].clear();
+        let mut filled = 0;
+        for (owner, point) in points.iter().enumerate() {
+            let key = key(point, &self.settings);
+            let radius = self.plan.scene.radii[point.frame as usize];
+            let mut first = 0;
+            while first < each {
+                let count = (each - first).min(WIDTH - filled);
+                let lanes = filled..filled + count;
+                self.block
+                    .fill(lanes, owner, point, key, radius, &set, first);
+                (first, filled) = (first + count, filled + count);
+                if filled == WIDTH {
+                    self.evaluate(points, strategy, filled);
+                    filled = 0;
                 }
             }
         }
-        self.end_point(point);
-    }
-
-    /// Whether light from a direction reaches the point and leaves it towards the camera.
-    #[inline]
-    fn lit(&self, point: &ShadingPoint, direction: Vec3, uv: [f32; 2]) -> bool {
-        let PathScene {
-            bvh,
-            model,
-            visibility,
-            ..
-        } = self.scene;
-        let normal = point.surface.normal;
-        normal.dot(direction) > 0.0
-            && (*model == Model::Lambertian || normal.dot(point.outgoing) > 0.0)
-            && visibility.visible(bvh, &point.surface, point.cached as usize, direction, uv)
-    }
-
-    /// The texels of light that a sample reads; a light sample reads the one it was drawn from.
-    #[inline]
-    fn read(&self, numbers: &mut Stream, uv: [f32; 2], drawn: Option<u32>) -> Bilinear {
-        match (self.lookup, drawn) {
-            (Lookup::Stochastic, Some(texel)) => one(texel),
-            _ => self.choose(
-                self.scene.environment_grid.bilinear_at(uv[0], uv[1]),
-                numbers,
-            ),
+        if filled > 0 {
+            self.evaluate(points, strategy, filled);
         }
     }
 
-    /// All four texels, or one of them by their weights.
-    #[inline]
-    fn choose(&self, texels: Bilinear, numbers: &mut Stream) -> Bilinear {
-        if self.lookup == Lookup::Bilinear {
-            return texels;
-        }
-        let u = numbers.uniform();
-        let [a, b, c, _] = texels.weight;
-        let corner = usize::from(u >= a) + usize::from(u >= a + b) + usize::from(u >= a + b + c);
-        one(texels.index[corner])
+    #[inline(always)]
+    fn evaluate(&mut self, points: &[ShadingPoint], strategy: usize, filled: usize) {
+        self.block.evaluate(&self.plan, points, strategy, filled);
+        self.drawn[strategy].append(&self.block, filled, self.plan.lookup);
     }
 
-    /// The density of light samples, for what a sample reads.
-    #[inline]
-    fn light_density(&self, texels: &Bilinear, direction: Vec3) -> f32 {
-        match self.lookup {
-            Lookup::Bilinear => self.scene.lights.density(direction),
-            Lookup::Stochastic => self.scene.lights.texel_density(texels.index[0], direction),
+    /// Appends the samples that carry light, a point after the other.
+    #[inline(always)]
+    fn merge(&mut self, points: &[ShadingPoint]) {
+        let microfacet = self.plan.scene.model == Model::Microfacet;
+        for (p, point) in points.iter().enumerate() {
+            for (drawn, each) in self.drawn.iter().zip(self.plan.counts) {
+                let lanes = p * each..(p + 1) * each;
+                drawn.emit(lanes, &self.plan, point.frame, microfacet, &mut self.batch);
+            }
+            let outgoing = point.surface.normal.dot(point.outgoing);
+            self.batch.outgoing.push(outgoing);
+            self.batch.offsets.push(self.batch.weight.len() as u32);
+        }
+    }
+}
+
+impl Drawn {
+    fn clear(&mut self) {
+        let [u, v] = &mut self.light_at;
+        let [s, t] = &mut self.mask_at;
+        let reals = [
+            &mut self.incident,
+            &mut self.half,
+            &mut self.difference,
+            &mut self.weight,
+        ];
+        reals.into_iter().chain([u, v, s, t]).for_each(Vec::clear);
+        self.light.clear();
+        self.mask.clear();
+    }
+
+    fn append(&mut self, block: &Block, filled: usize, lookup: Lookup) {
+        self.incident.extend_from_slice(&block.incident[..filled]);
+        self.half.extend_from_slice(&block.half[..filled]);
+        self.difference
+            .extend_from_slice(&block.difference[..filled]);
+        self.weight.extend_from_slice(&block.weight[..filled]);
+        match lookup {
+            Lookup::Stochastic => {
+                self.light.extend_from_slice(&block.light[..filled]);
+                self.mask.extend_from_slice(&block.mask[..filled]);
+            }
+            Lookup::Bilinear => {
+                for k in 0..2 {
+                    self.light_at[k].extend_from_slice(&block.light_at[k][..filled]);
+                    self.mask_at[k].extend_from_slice(&block.mask_at[k][..filled]);
+                }
+            }
         }
     }
 
-    #[inline]
-    fn push(
-        &mut self,
-        point: &ShadingPoint,
-        direction: Vec3,
-        weight: f32,
-        light: Bilinear,
-        numbers: &mut Stream,
+    /// Appends those of the samples `lanes` that carry light.
+    #[inline(always)]
+    fn emit(
+        &self,
+        lanes: std::ops::Range<usize>,
+        plan: &Plan,
+        frame: u32,
+        microfacet: bool,
+        batch: &mut PathBatch,
     ) {
-        let (scene, normal) = (self.scene, point.surface.normal);
-        let half = (direction + point.outgoing).normalize_or_zero();
-        let radius = scene.radii[point.frame as usize];
-        let lookup = mask_lookup(scene.mask_grid, point.surface.position, direction, radius);
-        let mut mask = self.choose(lookup, numbers);
-        mask.index = mask
-            .index
-            .map(|texel| texel * scene.radii.len() as u32 + point.frame);
-        if self.buffer.len() == BUFFER {
-            self.flush();
+        let weight = &self.weight[lanes.clone()];
+        let keep =
+            |values: &[f32], into: &mut Vec<f32>| compact(weight, &values[lanes.clone()], into);
+        keep(&self.incident, &mut batch.incident);
+        if microfacet {
+            keep(&self.half, &mut batch.half);
+            keep(&self.difference, &mut batch.difference);
         }
-        self.samples += 1;
-        self.buffer.push(Sample {
-            incident: normal.dot(direction),
-            half: normal.dot(half),
-            difference: half.dot(direction),
-            weight,
-            light,
-            mask,
-        });
-    }
-
-    fn end_point(&mut self, point: &ShadingPoint) {
-        self.batch
-            .outgoing
-            .push(point.surface.normal.dot(point.outgoing));
-        self.batch.offsets.push(self.samples);
-    }
-
-    fn flush(&mut self) {
-        let (batch, samples) = (&mut self.batch, &self.buffer);
-        batch.incident.extend(samples.iter().map(|s| s.incident));
-        batch.half.extend(samples.iter().map(|s| s.half));
-        batch
-            .difference
-            .extend(samples.iter().map(|s| s.difference));
-        batch.weight.extend(samples.iter().map(|s| s.weight));
-        spread(&mut batch.light, samples, |s| &s.light);
-        spread(&mut batch.mask, samples, |s| &s.mask);
-        self.buffer.clear();
+        match plan.lookup {
+            Lookup::Stochastic => {
+                compact(
+                    weight,
+                    &self.light[lanes.clone()],
+                    &mut batch.light.index[0],
+                );
+                compact(weight, &self.mask[lanes.clone()], &mut batch.mask.index[0]);
+            }
+            Lookup::Bilinear => {
+                let at = |grid: crate::lat_long::LatLong, [u, v]: &[Vec<f32>; 2], i: usize| {
+                    grid.bilinear_at(u[i], v[i])
+                };
+                for i in lanes.clone().filter(|&i| self.weight[i] > 0.0) {
+                    let light = at(plan.scene.environment_grid, &self.light_at, i);
+                    let mask = at(plan.scene.mask_grid, &self.mask_at, i);
+                    batch.light.push(&light);
+                    batch.mask.push(&of_frame(&mask, plan.scene, frame));
+                }
+            }
+        }
+        keep(&self.weight, &mut batch.weight);
     }
 }
 
-fn spread(corners: &mut Corners, samples: &[Sample], lookup: impl Fn(&Sample) -> &Bilinear) {
-    for (k, index) in corners.index.iter_mut().enumerate() {
-        index.extend(samples.iter().map(|s| lookup(s).index[k]));
-    }
-    for (k, weight) in corners.weight.iter_mut().enumerate() {
-        weight.extend(samples.iter().map(|s| lookup(s).weight[k]));
-    }
-}
-
-/// A lookup of one texel.
-#[inline]
-fn one(texel: u32) -> Bilinear {
-    Bilinear {
-        index: [texel; 4],
-        weight: [1.0, 0.0, 0.0, 0.0],
+/// Appends the values of nonzero weight, without a branch.
+#[inline(always)]
+fn compact<T: Copy + Default>(weight: &[f32], values: &[T], into: &mut Vec<T>) {
+    let mut kept = [T::default(); WIDTH];
+    for (values, weight) in values.chunks(WIDTH).zip(weight.chunks(WIDTH)) {
+        let mut count = 0;
+        for (value, weight) in values.iter().zip(weight) {
+            kept[count % WIDTH] = *value;
+            count += usize::from(*weight > 0.0);
+        }
+        into.extend_from_slice(&kept[..count]);
     }
 }
 
-/// The random numbers of one strategy at a point.
-fn stream(point: &ShadingPoint, settings: &PathSettings, strategy: u32) -> Stream {
+/// The random numbers of a point.
+fn key(point: &ShadingPoint, settings: &PathSettings) -> Counter {
     SampleKey {
         seed: settings.seed,
         frame: point.frame,
         pixel: point.pixel,
         sample: settings.iteration,
-        dimension: 2 * settings.render + strategy,
+        dimension: settings.render,
     }
-    .stream()
+    .counter()
 }

@@ -3,7 +3,7 @@
 use eclipse_tests::scenes;
 use eclipse_tests::statistics::chi_square_z;
 use glam::Vec3;
-use render::bsdf::{MaterialSampler, Model};
+use render::bsdf::{Lobe, MaterialSampler};
 use render::lat_long::LatLong;
 use render::sampler::{SampleKey, Stream};
 use render::warp;
@@ -112,11 +112,18 @@ fn visible_normals_have_their_density() {
 fn the_material_mixture_has_its_density() {
     let normal = Vec3::new(0.3, -0.5, 0.7).normalize();
     let outgoing = Vec3::new(0.8, 0.1, 0.4).normalize();
-    for model in [Model::Lambertian, Model::Microfacet] {
-        let sampler = MaterialSampler::new(model, 0.3, normal, outgoing);
+    for share in [1.0, 0.5, 0.2] {
+        let sampler = MaterialSampler::new(share, 0.3, normal, outgoing);
         check(
             "mixture",
-            |s| sampler.sample(s.uniform_2d(), s),
+            |s| {
+                let lobe = if s.uniform() < share {
+                    Lobe::Cosine
+                } else {
+                    Lobe::VisibleNormal
+                };
+                sampler.sample(lobe, s.uniform_2d())
+            },
             |d| sampler.density(d),
         );
     }

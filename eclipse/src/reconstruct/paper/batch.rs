@@ -25,6 +25,8 @@ pub struct Pixel {
     pub frame: u32,
     /// Row-major index in it.
     pub index: u32,
+    /// Cell of the surface that it shows.
+    pub cell: u32,
 }
 
 /// All pixels of `frames` that show the object alone and are `used`.
@@ -41,10 +43,25 @@ pub fn pixels(
             .map(|index| Pixel {
                 frame: t as u32,
                 index,
+                cell: 0,
             })
             .collect()
     };
     frames.iter().enumerate().flat_map(of_frame).collect()
+}
+
+/// The surface at the centres of `pixels`.
+pub fn centres<'a>(
+    bvh: &Bvh,
+    frames: &[Frame],
+    pixels: impl Iterator<Item = &'a Pixel>,
+) -> Vec<SurfacePoint> {
+    let centre = |pixel: &&Pixel| {
+        let frame = &frames[pixel.frame as usize];
+        seen(bvh, frame, pixel.index, [0.5, 0.5]).map(|(surface, _)| surface)
+    };
+    let pixels: Vec<&Pixel> = pixels.collect();
+    pixels.par_iter().filter_map(centre).collect()
 }
 
 /// The pixels of an iteration: `count` of `pixels`, drawn alike.
@@ -101,7 +118,7 @@ pub fn points(
             outgoing,
             frame: pixel.frame,
             pixel: pixel.index,
-            cached: 0,
+            cached: pixel.cell,
             alpha: 0.5,
         })
     };

@@ -18,7 +18,7 @@ use render::{
 use super::{PaperError, PaperSolution, brightness, export};
 use crate::{
     capture::{Capture, Frame},
-    reconstruct::finish::psnr,
+    reconstruct::{finish::psnr, hold_out::fitted_half},
     reconstruction::{Metrics, Noise, Photometric, Reconstruction, VertexMaterial},
     settings::Settings,
 };
@@ -28,7 +28,8 @@ const RAYS: usize = 64;
 /// Key of their random numbers: no iteration has it.
 const FINAL: u32 = u32::MAX;
 
-/// Everything that is written, without remarks. Pixels that are not `used` (frame, row-major pixel) count as held out.
+/// Everything that is written, without remarks. Of pixels that are not `used` (frame, row-major pixel)
+/// the half that occluders were not fitted to counts as held out.
 ///
 /// # Errors
 /// When memory does not suffice to evaluate the network.
@@ -55,7 +56,10 @@ pub fn finish(
     let psnr = |counted: &dyn Fn(usize, u32) -> bool| psnr(&capture.frames, &renders, counted);
     let photometric = Photometric {
         psnr: psnr(used),
-        psnr_held_out: settings.hold_out.and_then(|_| psnr(&|t, p| !used(t, p))),
+        psnr_held_out: settings.hold_out.and_then(|_| {
+            let width = |t: usize| capture.frames[t].image.width;
+            psnr(&|t, p| !used(t, p) && !fitted_half(width(t), p as usize))
+        }),
     };
     let extra = BTreeMap::from([
         ("iterations".to_owned(), solution.iterations.into()),

@@ -108,7 +108,7 @@ impl MaterialEvaluator {
                 gradient.extend_from_slice(ws.gradient(&weight)?);
                 gradient.extend_from_slice(ws.gradient(&bias)?);
             }
-            let rate = RATE * super::plan::rate(step as f64 / STEPS as f64);
+            let rate = RATE * super::rates::share(step as f64 / STEPS as f64, false);
             adam.step(&mut weights, &gradient, rate, step);
             unflatten(&weights, network);
         }

@@ -1,13 +1,16 @@
 //! Starting from the outcome of another solver instead of from nothing.
 
+use std::path::Path;
+
 use autodiff::RunError;
 use glam::Vec3;
 use render::{
-    bsdf::Material, estimator::Unknowns, harmonics::Harmonics, image::Image, lat_long::LatLong,
-    pyramid::Pyramid,
+    bsdf::Material, bvh::Bvh, estimator::Unknowns, harmonics::Harmonics, image::Image,
+    lat_long::LatLong, pyramid::Pyramid,
 };
 
-use super::materials::MaterialEvaluator;
+use super::{PaperError, batch::COVERED, materials::MaterialEvaluator};
+use crate::{capture::Capture, evaluate};
 
 /// Radiance below this share of the mean starts there: the logarithm of a black texel would be −∞, and Adam at the paper's
 /// rate would not come back from far down.
@@ -30,6 +33,59 @@ pub struct Start {
 }
 
 impl Start {
+    /// What an earlier run left in `folder` for the same capture.
+    ///
+    /// # Errors
+    /// When its files cannot be read, or its images do not fit the capture's.
+    pub fn read(folder: &Path, capture: &Capture, bvh: &Bvh) -> Result<Self, PaperError> {
+        let refuse = |reason: String| PaperError::Start {
+            path: folder.to_owned(),
+            reason,
+        };
+        let found = evaluate::estimate(folder).map_err(|error| refuse(error.to_string()))?;
+        let frames = &capture.frames;
+        for (what, count) in [
+            ("occluders", found.occluders.len()),
+            ("material images", found.materials.len()),
+        ] {
+            if count > 0 && count != frames.len() {
+                return Err(refuse(format!(
+                    "it has {count} {what}, but the capture has {} photographs: name a result of the same capture",
+                    frames.len()
+                )));
+            }
+        }
+        let mut materials = Vec::new();
+        for (frame, image) in frames.iter().zip(&found.materials) {
+            let (width, height) = (frame.image.width, frame.image.height);
+            if [image.width, image.height, image.channels] != [width, height, 5] {
+                return Err(refuse(format!(
+                    "its materials of frame {} are {} x {} with {} channels, expected {width} x {height} with 5",
+                    frame.name, image.width, image.height, image.channels
+                )));
+            }
+            for (p, value) in image.data.chunks_exact(5).enumerate() {
+                if frame.mask.data[p] <= COVERED || value.iter().any(|v| !v.is_finite()) {
+                    continue;
+                }
+                let (x, y) = ((p % width) as f32 + 0.5, (p / width) as f32 + 0.5);
+                if let Some((surface, _)) = bvh.seen(&frame.camera, x, y) {
+                    let material = Material {
+                        albedo: [value[0], value[1], value[2]],
+                        alpha: value[3],
+                        kappa: value[4],
+                    };
+                    materials.push((surface.position, material));
+                }
+            }
+        }
+        Ok(Self {
+            environment: Some(found.environment),
+            masks: found.occluders,
+            materials,
+        })
+    }
+
     /// Writes what is known into `unknowns`. Images of another size are left out.
     ///
     /// # Errors

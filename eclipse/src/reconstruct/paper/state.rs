@@ -29,6 +29,8 @@ pub struct State {
     pub plan: Plan,
     /// Iterations done.
     pub iteration: u64,
+    /// Roughness that material samples follow, of each cell of the surface.
+    pub roughness: Vec<f32>,
     /// The loss per value, smoothed over iterations.
     pub loss: f64,
     /// Points of the loss curve.
@@ -39,8 +41,8 @@ pub struct State {
 const GROUPS: [&str; 3] = ["environment", "occluders", "network"];
 
 impl State {
-    /// Before the first iteration.
-    pub fn new(unknowns: Unknowns, plan: Plan) -> Self {
+    /// Before the first iteration, for a surface of `cells`.
+    pub fn new(unknowns: Unknowns, plan: Plan, cells: usize) -> Self {
         let network = flatten(&unknowns.network);
         let lengths = [
             unknowns.environment.len(),
@@ -52,6 +54,7 @@ impl State {
             moments: lengths.map(Adam::new),
             plan,
             iteration: 0,
+            roughness: vec![0.5; cells],
             loss: f64::NAN,
             curve: Vec::new(),
         }
@@ -114,7 +117,14 @@ impl State {
             .flat_map(|p| [p.iteration as f64, p.seconds, p.loss, p.samples_per_second]);
         arrays.insert("curve".to_owned(), Array::F64(curve.collect()));
         arrays.insert("loss".to_owned(), Array::F64(vec![self.loss]));
-        let counters = vec![self.plan.pixels, self.plan.rays, self.curve.len() as u64];
+        arrays.insert("roughness".to_owned(), Array::F32(self.roughness.clone()));
+        let Plan {
+            pixels,
+            rays,
+            cells,
+            side,
+        } = self.plan;
+        let counters = vec![pixels, rays, cells, side, self.curve.len() as u64];
         arrays.insert("counters".to_owned(), Array::U64(counters));
         arrays
     }
@@ -142,12 +152,11 @@ impl State {
             read(&format!("{group} second"), &mut moments.second)?;
         }
         unflatten(&network, &mut unknowns.network);
-        let counters = checkpoint.u64s("counters", 3)?;
-        self.plan = Plan {
-            pixels: counters[0],
-            rays: counters[1],
-        };
-        let curve = checkpoint.f64s("curve", (counters[2] as usize).saturating_mul(4))?;
+        self.plan = plan(checkpoint)?;
+        let cells = self.roughness.len();
+        self.roughness = checkpoint.f32s("roughness", cells)?.to_vec();
+        let points = checkpoint.u64s("counters", COUNTERS)?[COUNTERS - 1];
+        let curve = checkpoint.f64s("curve", (points as usize).saturating_mul(4))?;
         self.curve = curve
             .chunks_exact(4)
             .map(|p| CurvePoint {
@@ -161,6 +170,23 @@ impl State {
         self.iteration = checkpoint.iteration;
         Ok(())
     }
+}
+
+/// Numbers of a plan, and the length of the curve.
+const COUNTERS: usize = 5;
+
+/// The plan of the run that wrote a checkpoint.
+///
+/// # Errors
+/// When the checkpoint is of another preset.
+pub fn plan(checkpoint: &Checkpoint) -> Result<Plan, CheckpointError> {
+    let counters = checkpoint.u64s("counters", COUNTERS)?;
+    Ok(Plan {
+        pixels: counters[0],
+        rays: counters[1],
+        cells: counters[2],
+        side: counters[3],
+    })
 }
 
 /// The occluders' rate for smaller batches, by the square root of their size (Malladi et al., NeurIPS 2022).

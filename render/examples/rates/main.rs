@@ -1,9 +1,10 @@
-//! Measured speeds of what a reconstruction spends its time on, a core at a time.
+//! Measured speeds of what a reconstruction spends its time on, per second of one core.
 //!
 //! `cargo run --release -p render --example rates`
 
-use std::time::Instant;
+mod quadrature;
 
+use cpu_time::ProcessTime;
 use glam::{Vec3, Vec3A};
 use obvhs::BvhBuildParams;
 use obvhs::cwbvh::builder::build_cwbvh_from_tris;
@@ -27,30 +28,57 @@ use render::visibility::{Visibility, VisibilityCache};
 const GRID: LatLong = LatLong::new(50, 100);
 const FRAMES: usize = 64;
 
-fn main() -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
-    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
-    one.install(|| {
-        let mesh = bumpy(200);
-        let bvh = Bvh::new(&mesh)?;
-        println!(
-            "{} triangles, grid {} x {}, one thread",
-            mesh.faces.len(),
-            GRID.rows,
-            GRID.columns
-        );
-        let points = shading_points(&bvh);
-        harmonics();
-        rays(&mesh, &bvh, &points);
-        transport(&bvh, &points);
-        monte_carlo(&bvh, &points)
-    })
+const DEGREE: usize = 24;
+
+type Report = Result<(), Box<dyn std::error::Error + Send + Sync>>;
+
+/// `rates [PART]` with one of `harmonics`, `rays`, `transport`, `monte-carlo`, `quadrature`; all without it.
+fn main() -> Report {
+    let only = std::env::args().nth(1);
+    let wanted = |part: &str| only.as_ref().is_none_or(|only| only == part);
+    let mesh = bumpy(200);
+    let bvh = Bvh::new(&mesh)?;
+    println!(
+        "{} triangles, grid {} x {}",
+        mesh.faces.len(),
+        GRID.rows,
+        GRID.columns
+    );
+    let points = shading_points(&bvh);
+    let cached: Vec<SurfacePoint> = points[..2048].iter().map(|p| p.surface).collect();
+    let cache = VisibilityCache::build(&bvh, GRID, 1, &cached);
+    let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    pool(1)?.install(|| {
+        if wanted("harmonics") {
+            harmonics();
+        }
+        if wanted("rays") {
+            rays(&mesh, &bvh, &points);
+        }
+        if wanted("transport") {
+            transport(&bvh, &points);
+        }
+    });
+    for threads in [1, 2] {
+        pool(threads)?.install(|| -> Report {
+            if wanted("monte-carlo") {
+                monte_carlo(&bvh, &points, &cache, threads)?;
+            }
+            if wanted("quadrature") {
+                quadrature::quadrature(&bvh, &points[..512], threads)?;
+            }
+            Ok(())
+        })?;
+    }
+    Ok(())
 }
 
-/// The best time of the runs that fit into a second and a half: the least disturbed by other work on the machine.
+/// The least processor time of a run, in seconds over all threads, among the runs of a second and a half: what other work on
+/// the machine takes away is not counted.
 fn seconds(mut run: impl FnMut()) -> f64 {
-    let (start, mut best) = (Instant::now(), f64::INFINITY);
+    let (start, mut best) = (ProcessTime::now(), f64::INFINITY);
     while start.elapsed().as_secs_f64() < 1.5 {
-        let before = Instant::now();
+        let before = ProcessTime::now();
         run();
         best = best.min(before.elapsed().as_secs_f64());
     }
@@ -119,6 +147,7 @@ fn rays(mesh: &Mesh, bvh: &Bvh, points: &[ShadingPoint]) {
     );
 }
 
+/// Rows of the transport operator.
 fn transport(bvh: &Bvh, points: &[ShadingPoint]) {
     let quadrature = Quadrature::new(GRID, 2);
     let some: Vec<SurfacePoint> = points.iter().step_by(16).map(|p| p.surface).collect();
@@ -137,77 +166,87 @@ fn transport(bvh: &Bvh, points: &[ShadingPoint]) {
     );
 }
 
+/// Path sampling, then loss and gradient on the tape, for batches of light and material samples.
 fn monte_carlo(
     bvh: &Bvh,
     points: &[ShadingPoint],
-) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
-    let points = &points[..points.len().min(2048)];
-    let surfaces: Vec<SurfacePoint> = points.iter().map(|p| p.surface).collect();
-    let positions: Vec<Vec3> = surfaces.iter().map(|s| s.position).collect();
-    let cache = VisibilityCache::build(bvh, GRID, 1, &surfaces);
-    let environment = EnvironmentMap::new(Image::filled(100, 50, 3, 0.5))?;
-    let radii = [5.0; FRAMES];
+    cache: &VisibilityCache,
+    threads: usize,
+) -> Report {
     for model in [Model::Lambertian, Model::Microfacet] {
-        let scene = PathScene {
-            bvh,
-            visibility: Visibility::Cached(&cache),
-            model,
-            lights: environment.distribution(),
-            environment_grid: GRID,
-            mask_grid: GRID,
-            radii: &radii,
-        };
-        let settings = PathSettings {
-            light_samples: 128,
-            material_samples: 128,
-            seed: 1,
-            iteration: 0,
-            lookup: Lookup::Stochastic,
-            render: 0,
-        };
-        let draw = |render| PathBatch::sample(&scene, points, &PathSettings { render, ..settings });
-        let drawn = (2 * 256 * points.len()) as f64;
-        let few = &points[..64];
-        let sampling = seconds(|| drop(PathBatch::sample(&scene, few, &settings))) * drawn
-            / (256 * few.len()) as f64;
-        let (first, second) = (draw(0), draw(1));
-        let carried = (first.samples() + second.samples()) as f64;
-        println!(
-            "{model:?}: sampling {:.1} M drawn/s; {:.0} % of them carry light",
-            drawn / sampling / 1e6,
-            100.0 * carried / drawn
-        );
-        let renders = [&first, &second].map(|batch| RenderSample {
-            positions: &positions,
-            batch,
-        });
-        let photographs = vec![0.4; 3 * points.len()];
-        for form in [LossForm::Product, LossForm::HalfBackward] {
-            let options = EstimatorOptions {
-                model,
-                pyramid: Pyramid::new(GRID, 6),
-                mask_grid: GRID,
-                degree: 24,
-                frames: FRAMES,
-                lookup: settings.lookup,
-                form,
-            };
-            let unknowns = options.start(5.0, 1, 1.5);
-            let estimator = Estimator::new(options)?;
-            let mut failed = None;
-            let tape =
-                seconds(|| failed = estimator.gradients(&unknowns, renders, &photographs).err());
-            if let Some(error) = failed {
-                return Err(error.into());
-            }
-            println!(
-                "  {form:?}: loss and gradient {:.1} M drawn/s ({:.1} M carried/s); with sampling {:.1} M drawn/s",
-                drawn / tape / 1e6,
-                carried / tape / 1e6,
-                drawn / (tape + sampling) / 1e6
-            );
+        // The paper takes 1024 rays a render of a pixel: the network's work is shared by them.
+        for rays in [256, 1024] {
+            let points = &points[..(1 << 19) / rays];
+            monte_carlo_batch(bvh, points, cache, model, rays, threads)?;
         }
     }
+    Ok(())
+}
+
+fn monte_carlo_batch(
+    bvh: &Bvh,
+    points: &[ShadingPoint],
+    cache: &VisibilityCache,
+    model: Model,
+    rays: usize,
+    threads: usize,
+) -> Report {
+    let positions: Vec<Vec3> = points.iter().map(|p| p.surface.position).collect();
+    let environment = EnvironmentMap::new(Image::filled(100, 50, 3, 0.5))?;
+    let radii = [5.0; FRAMES];
+    let scene = PathScene {
+        bvh,
+        visibility: Visibility::Cached(cache),
+        model,
+        lights: environment.distribution(),
+        environment_grid: GRID,
+        mask_grid: GRID,
+        radii: &radii,
+    };
+    let settings = PathSettings {
+        light_samples: rays / 2,
+        material_samples: rays / 2,
+        seed: 1,
+        iteration: 0,
+        lookup: Lookup::Stochastic,
+        render: 0,
+    };
+    let draw = |render| PathBatch::sample(&scene, points, &PathSettings { render, ..settings });
+    let drawn = (2 * rays * points.len()) as f64;
+    let photographs = vec![0.4; 3 * points.len()];
+    let options = EstimatorOptions {
+        model,
+        pyramid: Pyramid::new(GRID, 6),
+        mask_grid: GRID,
+        degree: DEGREE,
+        frames: FRAMES,
+        lookup: settings.lookup,
+        form: LossForm::HalfBackward,
+    };
+    let unknowns = options.start(5.0, 1, 1.5);
+    let estimator = Estimator::new(options)?;
+    let (mut failed, mut carried) = (None, 0);
+    // Sampling alone, and all that an iteration does with its samples.
+    let sampling = seconds(|| drop([draw(0), draw(1)]));
+    let whole = seconds(|| {
+        let batches = [draw(0), draw(1)];
+        carried = batches.iter().map(PathBatch::samples).sum();
+        let renders = [0, 1].map(|i| RenderSample {
+            positions: &positions,
+            batch: &batches[i],
+        });
+        failed = estimator.gradients(&unknowns, renders, &photographs).err();
+    });
+    if let Some(error) = failed {
+        return Err(error.into());
+    }
+    println!(
+        "Monte Carlo, {model:?}, {rays} rays, {threads} thread(s): sampling, loss and gradient {:.1} M drawn/s, \
+         {:.1} M carry light/s; sampling alone {:.1} M drawn/s",
+        drawn / whole / 1e6,
+        carried as f64 / whole / 1e6,
+        drawn / sampling / 1e6
+    );
     Ok(())
 }
 
