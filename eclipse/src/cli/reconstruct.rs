@@ -119,6 +119,16 @@ pub(super) fn run(
         .build();
     let pool = pool.map_err(|error| Failure::failed(format!("cannot start threads: {error}")))?;
 
+    if !arguments.json {
+        let planned = reconstruct::memory(&capture, &settings);
+        eprintln!(
+            "{} frames, {} preset: about {} of memory, {} allowed",
+            capture.frames.len(),
+            settings.preset.name(),
+            units::bytes(planned),
+            units::bytes(settings.memory)
+        );
+    }
     let display = ProgressDisplay::new(&settings, arguments.json);
     let control = Control {
         stop: stop_on_interrupt()?,

@@ -145,6 +145,13 @@ pub fn run(
     finish::finish(solution, capture, bvh, settings, noise, used)
 }
 
+/// The bytes of memory that a run plans to take at its peak.
+pub fn memory(capture: &Capture, settings: &Settings) -> u64 {
+    Plan::new(settings, capture)
+        .memory(settings, capture)
+        .total()
+}
+
 /// Runs the optimiser on the pixels that are `used` (frame, row-major pixel), from nothing or from `start`.
 ///
 /// With a number of iterations and no time limit the result depends on capture and settings alone, whatever the threads and

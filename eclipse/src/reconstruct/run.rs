@@ -5,12 +5,14 @@ use std::{collections::BTreeMap, time::Instant};
 use render::{bvh::Bvh, lat_long::LatLong, mesh::MeshError};
 
 mod frames;
+mod plan;
 mod round;
 mod schedule;
 
 use frames::Frames;
+use plan::Plan;
 use round::RoundStart;
-use schedule::{FINISH_SHARE, LEGS, Place, SECOND_DAMPING};
+use schedule::{LEGS, Place, SECOND_DAMPING};
 
 use super::{
     fast::{self, Problem, Stage, Start},
@@ -30,6 +32,11 @@ use crate::{
     settings::{Preset, Settings},
 };
 
+/// The end of the work, wherever a run stands.
+const LAST_STAGE: Place = Place {
+    stage: LEGS.len() - 1,
+    round: 0,
+};
 /// A step that lowers the cost by less than this share of it is as good as none.
 const CONVERGED: f64 = 3e-5;
 
@@ -74,12 +81,14 @@ pub fn run(
     };
     let used = |frame: usize, _: u32| frames.fitted(frame);
     run.report("visibility of the surface", f64::NAN, 0.0);
+    let plan = Plan::new(capture, settings, &LEGS[LEGS.len() - 1].stage);
     let grid = LatLong::new(settings.grid_rows, 2 * settings.grid_rows);
     let surface = Surface::new(
         &bvh,
         &capture.frames,
         &run.noise,
         grid,
+        plan.sites,
         settings.seed,
         &used,
     );
@@ -88,6 +97,7 @@ pub fn run(
         let (leg, mut stage) = (&LEGS[first], LEGS[first].stage);
         let rounds = leg.held.len();
         stage.rows = stage.rows.min(settings.grid_rows);
+        stage.patches = stage.patches.min(plan.patches);
         run.report("visibility of the surface", f64::NAN, 0.0);
         let problem = Problem {
             bvh: &bvh,
@@ -134,7 +144,6 @@ pub fn run(
             let place = Place {
                 stage: first,
                 round,
-                rounds,
             };
             let (z, damping) = run.steps(leg.name, place, &stage, &shared, from)?;
             round += 1;
@@ -147,7 +156,11 @@ pub fn run(
             }
         }
         last = Some((shared, from.z));
-        if run.ended != Ended::Converged {
+        // The coarse stage's share of the time may be over while the run's is not.
+        let end = LAST_STAGE.end(settings.time_limit.unwrap_or(f64::INFINITY));
+        let goes_on =
+            run.ended == Ended::TimeLimit && first + 1 < LEGS.len() && run.seconds() < end;
+        if run.ended != Ended::Converged && !goes_on {
             break;
         }
         (first, round) = (first + 1, 0);
@@ -164,6 +177,16 @@ fn check_length(z: Option<&Vec<f32>>, expected: usize) -> Result<(), CheckpointE
             found: format!("{} f32", z.len()),
         }),
         _ => Ok(()),
+    }
+}
+
+/// The bytes of memory that [`run`] plans to take at its peak.
+pub fn memory(capture: &Capture, settings: &Settings) -> u64 {
+    match settings.preset {
+        Preset::Fast => {
+            Plan::new(capture, settings, &LEGS[LEGS.len() - 1].stage).bytes(capture, settings)
+        }
+        Preset::Paper => paper::memory(capture, settings),
     }
 }
 
@@ -240,7 +263,7 @@ impl Run<'_> {
         start: Start,
     ) -> Result<(Vec<f32>, f32), ReconstructError> {
         self.ended = Ended::Converged;
-        if let Some(ended) = self.due(place.share(), 0.0) {
+        if let Some(ended) = self.due(place, 0.0) {
             self.ended = ended;
             return Ok((start.z, start.damping));
         }
@@ -266,7 +289,7 @@ impl Run<'_> {
                 self.failed = Some(error);
                 return false;
             }
-            if let Some(ended) = self.due(place.share(), took) {
+            if let Some(ended) = self.due(place, took) {
                 self.ended = ended;
                 return false;
             }
@@ -274,11 +297,6 @@ impl Run<'_> {
             previous = step.cost;
             !(gained > 0.0 && gained < CONVERGED * step.cost)
         })?;
-        // The round's own share of the time is over, not the run's.
-        let over = || self.out_of_time(1.0 - FINISH_SHARE, 0.0);
-        if !place.is_last() && self.ended == Ended::TimeLimit && !over() {
-            self.ended = Ended::Converged;
-        }
         match self.failed.take() {
             Some(error) => Err(error.into()),
             None => Ok((solution.z, solution.damping)),
@@ -286,7 +304,7 @@ impl Run<'_> {
     }
 
     /// Why no further step may be taken, when the last took `step` seconds.
-    fn due(&self, share: f64, step: f64) -> Option<Ended> {
+    fn due(&self, place: Place, step: f64) -> Option<Ended> {
         if self.control.stopped() {
             return Some(Ended::Interrupted);
         }
@@ -297,13 +315,8 @@ impl Run<'_> {
         {
             return Some(Ended::Iterations);
         }
-        self.out_of_time(share, step).then_some(Ended::TimeLimit)
-    }
-
-    fn out_of_time(&self, share: f64, step: f64) -> bool {
-        self.settings
-            .time_limit
-            .is_some_and(|limit| self.seconds() + step > share * limit)
+        let limit = self.settings.time_limit?;
+        (self.seconds() + step > place.end(limit)).then_some(Ended::TimeLimit)
     }
 
     fn state(&self, place: Place, step: &fast::Step<'_>) -> Checkpoint {

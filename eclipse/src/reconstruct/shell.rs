@@ -82,6 +82,20 @@ impl Shells {
         Self::group(distances, Shell::Cylinder)
     }
 
+    /// Cylinders at the cameras' own horizontal distances: how the frames fall into groups.
+    pub fn of_cameras<'a>(cameras: impl Iterator<Item = &'a Camera>) -> Self {
+        let distances: Vec<f32> = cameras
+            .map(|camera| {
+                camera
+                    .centre()
+                    .truncate()
+                    .length()
+                    .max(0.1 * camera.distance())
+            })
+            .collect();
+        Self::cylinders(&distances)
+    }
+
     /// Equal parts of the frames in the order of their distances, each at its mean distance.
     fn group(distances: &[f32], shell: fn(f32) -> Shell) -> Self {
         let mut order: Vec<usize> = (0..distances.len()).collect();

@@ -36,17 +36,18 @@ pub struct Surface {
 }
 
 impl Surface {
-    /// Of the pixels that `used` allows (frame, pixel); rows are on `grid`.
+    /// About `count` sites (see [`sites_for`]) of the pixels that `used` allows (frame, pixel); rows are on `grid`.
     pub fn new(
         bvh: &Bvh,
         frames: &[Frame],
         noise: &Noise,
         grid: LatLong,
+        count: usize,
         seed: u64,
         used: &(dyn Fn(usize, u32) -> bool + Sync),
     ) -> Self {
         let options = PatchOptions {
-            count: sites_for(frames),
+            count,
             members: 2,
             model_error: MODEL_ERROR,
         };
@@ -121,7 +122,7 @@ impl Surface {
 }
 
 /// Sites about a pixel apart: a view shows about a third of the surface.
-fn sites_for(frames: &[Frame]) -> usize {
+pub fn sites_for(frames: &[Frame]) -> usize {
     let inside = |frame: &Frame| frame.mask.data.iter().filter(|&&m| m > 0.5).count();
     let all: usize = frames.iter().map(inside).sum();
     (3 * all / frames.len().max(1)).clamp(64, MOST_SITES)

@@ -41,30 +41,29 @@ pub(super) const LEGS: [Leg; 2] = [
 /// The damping with which a later round begins: near the solution, but on changed data.
 pub(super) const SECOND_DAMPING: f32 = 1.0;
 /// Share of the time limit after which the coarse stage ends.
-pub(super) const COARSE_SHARE: f64 = 0.3;
-/// Share of the time limit kept for materials and images.
-pub(super) const FINISH_SHARE: f64 = 0.15;
+const COARSE_SHARE: f64 = 0.4;
+/// Share of the time limit kept for materials and images, and seconds that suffice for them.
+const FINISH: (f64, f64) = (0.15, 45.0);
 
 /// Where in the schedule a run stands.
 #[derive(Clone, Copy)]
 pub(super) struct Place {
     pub(super) stage: usize,
     pub(super) round: usize,
-    pub(super) rounds: usize,
 }
 
 impl Place {
-    pub(super) fn is_last(self) -> bool {
-        self.stage + 1 == LEGS.len() && self.round + 1 == self.rounds
+    pub(super) fn is_last_stage(self) -> bool {
+        self.stage + 1 == LEGS.len()
     }
 
-    /// Share of the time limit after which its steps end.
-    pub(super) fn share(self) -> f64 {
-        let (from, to) = if self.stage + 1 < LEGS.len() {
-            (0.0, COARSE_SHARE)
+    /// Seconds of a limit after which the steps of the stage end.
+    pub(super) fn end(self, limit: f64) -> f64 {
+        let all = limit - (FINISH.0 * limit).min(FINISH.1);
+        if self.is_last_stage() {
+            all
         } else {
-            (COARSE_SHARE, 1.0 - FINISH_SHARE)
-        };
-        from + (to - from) * (self.round + 1) as f64 / self.rounds as f64
+            COARSE_SHARE * all
+        }
     }
 }
