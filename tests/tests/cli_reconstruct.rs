@@ -95,6 +95,23 @@ fn a_resumed_run_ends_like_one_that_never_stopped() {
 }
 
 #[test]
+fn a_run_resumed_within_a_round_has_the_rounds_own_data_and_lobe() {
+    let capture = perfect::bundled();
+    let folder = tempfile::tempdir().unwrap();
+    let (whole, parts) = (folder.path().join("whole"), folder.path().join("parts"));
+    let code = |out: &Path, more: &[&str]| {
+        let output = run(&[&[text(&capture), "--json", "--out", text(out)], more].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    };
+    // The first round takes four steps; the lobe is fitted at the start of the second.
+    code(&whole, &["--iterations", "7"]);
+    code(&parts, &["--iterations", "4"]);
+    code(&parts, &["--iterations", "6", "--resume"]);
+    code(&parts, &["--iterations", "7", "--resume"]);
+    assert_same_results(&whole, &parts);
+}
+
+#[test]
 #[cfg(unix)]
 fn an_interrupt_saves_everything_and_exits_with_130() {
     let capture = perfect::bundled();

@@ -1,0 +1,65 @@
+//! The recording of the model.
+
+use std::sync::Arc;
+
+use autodiff::{Array, Differentiable, Graph, GraphError, Program, Var};
+use render::{maps::PyramidMap, pyramid::Pyramid};
+
+/// Colour varies less than brightness: standard deviation of each chroma component relative to luminance.
+const CHROMA: f64 = 0.68;
+
+/// Residuals and predictions of every group of frames, and radiance.
+pub(super) fn record(pyramid: &Pyramid, groups: usize) -> Result<Program, GraphError> {
+    let g = Graph::new();
+    let (level, texel, patch) = (g.domain("level"), g.domain("texel"), g.domain("patch"));
+    let mask_texel = g.domain("mask texel");
+    let direction = g.segments("direction", &patch);
+
+    // Light (Eq. 7): luminance and two chroma components.
+    let coefficients = g.param("environment", &level, 3) * g.input("deviation", &level, 1);
+    let log = coefficients.linear_map(&texel, Arc::new(PyramidMap(pyramid.clone())));
+    let luminance = log.channel(0) + g.input("log radiance", &g.uniform(), 1);
+    let red_green = log.channel(1) * (CHROMA / 2f64.sqrt());
+    let blue_yellow = log.channel(2) * (CHROMA / 6f64.sqrt());
+    let log = Array::stack(&[
+        &(&luminance + &red_green + &blue_yellow),
+        &(&luminance - &red_green + &blue_yellow),
+        &(&luminance - &blue_yellow * 2.0),
+    ]);
+    let radiance = log.clamp(-20.0, 14.0).exp();
+
+    let arriving = radiance.gather(&g.index("own texel", &direction, &texel))
+        * g.input("transport", &direction, 1);
+    let albedo = g.param("albedo", &patch, 3);
+    let mut outputs = vec![("radiance".to_owned(), radiance)];
+    for group in 0..groups {
+        let frame = g.axis(&named("frame", group));
+        let corners = CORNERS.map(|k| g.index(&named(k, group), &direction, &mask_texel));
+        let weights = WEIGHTS.map(|k| g.input(&named(k, group), &direction, 1));
+        let lookups: Vec<_> = corners.iter().zip(&weights).collect();
+        let masks = g
+            .param_along(&named("mask", group), &mask_texel, 1, &frame)
+            .gather_weighted(&lookups);
+        let received = arriving.segment_dot(&masks);
+        let value = g.input_along(&named("value", group), &patch, 3, &frame);
+        let weight = g.input_along(&named("root weight", group), &patch, 3, &frame);
+        let predicted = &albedo * received;
+        outputs.push((named("residual", group), (&predicted - value) * weight));
+        outputs.push((named("predicted", group), predicted));
+    }
+    let outputs: Vec<(&str, &Var)> = outputs
+        .iter()
+        .map(|(name, value)| (name.as_str(), value))
+        .collect();
+    g.compile::<_, Differentiable>(&outputs)
+}
+
+/// A ray's lookups in the masks of a group: texels.
+pub(super) const CORNERS: [&str; 4] = ["corner 0", "corner 1", "corner 2", "corner 3"];
+/// The same: weights.
+pub(super) const WEIGHTS: [&str; 4] = ["weight 0", "weight 1", "weight 2", "weight 3"];
+
+/// The name of what the tape holds once for every group of frames.
+pub(super) fn named(what: &str, group: usize) -> String {
+    format!("{what} of group {group}")
+}
