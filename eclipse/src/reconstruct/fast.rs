@@ -187,7 +187,7 @@ pub fn solve(
     let began = Instant::now();
     for step in first..stage.steps {
         let proposal = least_squares::step(&mut at, &z, albedo.len(), damping, &options);
-        let mut share = (LARGEST_CHANGE / shared.largest_change(&proposal.delta)).min(1.0);
+        let mut share = (LARGEST_CHANGE / shared.largest_change(&z, &proposal.delta)).min(1.0);
         let mut accepted = false;
         for _ in 0..=HALVINGS {
             let moved = |(a, b): (&f32, &f32)| a + share * b;

@@ -15,7 +15,7 @@ use render::{lat_long::LatLong, pyramid::Pyramid};
 pub use at::At;
 pub(super) use fixed::mask_grid;
 use fixed::{Fixed, grouped};
-use tape::{CORNERS, WEIGHTS, named, record};
+use tape::{CORNERS, WEIGHTS, coefficient, named, record};
 
 use super::{
     detail::Data, least_squares, patches::Observations, pyramid::level_deviations, shell::Shells,
@@ -118,12 +118,13 @@ impl Shared {
         3 * self.patches
     }
 
-    /// The largest change of a texel's log luminance or of a silhouette's logit over a step.
-    pub fn largest_change(&self, delta: &[f32]) -> f32 {
-        let scaled: Vec<f32> = delta
+    /// The largest change of a texel's log luminance or of a silhouette's logit over a step from `z`.
+    pub fn largest_change(&self, z: &[f32], delta: &[f32]) -> f32 {
+        let scaled: Vec<f32> = z
             .iter()
+            .zip(delta)
             .zip(&self.deviation)
-            .map(|(z, sd)| z * sd)
+            .map(|((z, delta), sd)| (coefficient(z + delta) - coefficient(*z)) * sd)
             .collect();
         let mut values = vec![0.0; self.grid.len()];
         self.pyramid.apply(&scaled, &mut values, 1);

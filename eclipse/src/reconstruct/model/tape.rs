@@ -8,6 +8,15 @@ use render::{maps::PyramidMap, pyramid::Pyramid};
 /// Colour varies less than brightness: standard deviation of each chroma component relative to luminance.
 const CHROMA: f64 = 0.68;
 
+/// How heavy the tails of light are: coefficients are sinh(`TAIL` z)/`TAIL` of a normal z. Most of a wall is smooth, but
+/// there are lamps and windows, whose edges are far outside of any normal distribution.
+pub(super) const TAIL: f32 = 0.5;
+
+/// The coefficient, in standard deviations, that `z` stands for.
+pub(super) fn coefficient(z: f32) -> f32 {
+    (TAIL * z).sinh() / TAIL
+}
+
 /// Residuals and predictions of every group of frames, and radiance.
 pub(super) fn record(pyramid: &Pyramid, groups: usize) -> Result<Program, GraphError> {
     let g = Graph::new();
@@ -16,7 +25,10 @@ pub(super) fn record(pyramid: &Pyramid, groups: usize) -> Result<Program, GraphE
     let direction = g.segments("direction", &patch);
 
     // Light (Eq. 7): luminance and two chroma components.
-    let coefficients = g.param("environment", &level, 3) * g.input("deviation", &level, 1);
+    let z = g.param("environment", &level, 3);
+    let steep = f64::from(TAIL);
+    let heavy = ((&z * steep).exp() - (&z * -steep).exp()) * (0.5 / steep);
+    let coefficients = heavy * g.input("deviation", &level, 1);
     let log = coefficients.linear_map(&texel, Arc::new(PyramidMap(pyramid.clone())));
     let luminance = log.channel(0) + g.input("log radiance", &g.uniform(), 1);
     let red_green = log.channel(1) * (CHROMA / 2f64.sqrt());
