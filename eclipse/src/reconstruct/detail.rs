@@ -19,6 +19,10 @@ use crate::reconstruction::Noise;
 /// What a site's texture is taken to disturb before it is known, relative; and what it disturbs at least.
 const TEXTURE: [f64; 2] = [0.03, 0.004];
 
+/// How much of a texel's light the grid may misplace, as a standard deviation: an edge of a shadow runs through about one of
+/// ten texels, and lies anywhere in it (a tenth of 1/12). Where a lamp of a few texels gives most of the light, that is much.
+const EDGES: f64 = 0.1;
+
 /// Values and one over their variances, of all views of patches.
 pub struct Data {
     /// Linear RGB.
@@ -72,7 +76,9 @@ pub fn correct(
     let [first, _] = place.means(&misfits, &unknown, patches.views.len());
     let texture = place.texture(&misfits, &first);
     let [mean, precision] = place.means(&misfits, &texture, patches.views.len());
-    let variance = |i: usize, c: usize| 1.0 / precision[i][c] + model_error.powi(2);
+    let edges = place.concentration(&shades, patches.views.len());
+    let variance =
+        |i: usize, c: usize| 1.0 / precision[i][c] + model_error.powi(2) + EDGES.powi(2) * edges[i];
     let trust = Trust::new(&mean, &variance);
     let views = patches.views.iter().zip(predicted).enumerate();
     let (value, weight) = views
@@ -203,6 +209,21 @@ impl<'a> Place<'a> {
             }
         }
         [sum, precision]
+    }
+
+    /// The mean concentration of the light over every view of a patch.
+    fn concentration(&self, shades: &[Vec<Shade>], count: usize) -> Vec<f64> {
+        let mut sums = vec![(0.0, 0u32); count];
+        for (shade, place) in shades.iter().flatten().zip(&self.view) {
+            if let Some(place) = place {
+                let sum = &mut sums[*place as usize];
+                sum.0 += f64::from(shade.concentration);
+                sum.1 += 1;
+            }
+        }
+        sums.iter()
+            .map(|(sum, n)| sum / f64::from((*n).max(1)))
+            .collect()
     }
 
     /// The variance of each site's misfits about those of its patch, beyond noise: what its texture disturbs.

@@ -105,6 +105,8 @@ pub struct Shade {
     pub diffuse: [f32; 3],
     /// What is added whatever the albedo.
     pub specular: [f32; 3],
+    /// One over the number of texels that the light comes from, as if all gave the same: Σl²/(Σl)².
+    pub concentration: f32,
 }
 
 impl Scene<'_> {
@@ -124,6 +126,7 @@ impl Scene<'_> {
         let mut specular = vec![[0.0f32; 3]; frames.len()];
         let mut received: [Vec<f32>; 3] = std::array::from_fn(|_| vec![0.0; all]);
         let mut share = vec![1.0; all];
+        let (mut sum, mut squares) = (vec![0.0f32; all], vec![0.0f32; all]);
         for (&texel, &weight) in row.texel.iter().zip(&row.weight) {
             let texel = usize::from(texel);
             let columns = self.grid.columns;
@@ -132,6 +135,12 @@ impl Scene<'_> {
                 occluders.lookup(place.position, direction, &mut share);
             }
             let light: [f32; 3] = std::array::from_fn(|c| weight * self.radiance[3 * texel + c]);
+            let brightness: f32 = light.iter().sum();
+            for ((sum, squares), share) in sum.iter_mut().zip(&mut squares).zip(&share) {
+                let passed = brightness * share;
+                *sum += passed;
+                *squares += passed * passed;
+            }
             let Some(lobe) = self.lobe else {
                 for (received, light) in received.iter_mut().zip(light) {
                     received
@@ -159,6 +168,10 @@ impl Scene<'_> {
                     Some(_) => diffuse,
                 },
                 specular,
+                concentration: {
+                    let slot = slot[frame as usize];
+                    squares[slot] / (sum[slot] * sum[slot]).max(1e-30)
+                },
             })
             .collect()
     }
@@ -250,6 +263,7 @@ mod tests {
                 frame: 2 * t,
                 diffuse: [0.5 + 0.05 * t as f32; 3],
                 specular: [0.03; 3],
+                concentration: 0.01,
             })
             .collect();
         let samples: Vec<Sample> = shades
