@@ -7,6 +7,8 @@
 
 use std::f32::consts::PI;
 
+use pulp::{Arch, Simd, WithSimd};
+
 use super::shading::{Data, PER_PIXEL, PIXELS, TEXELS};
 
 /// Samples in a vector register.
@@ -78,6 +80,22 @@ fn total(mut x: Wide) -> f32 {
         width /= 2;
     }
     x[0]
+}
+
+/// A pass, to be compiled for the instruction set that the machine has.
+struct Run<'a, const GRADIENT: bool>(&'a mut Hand, &'a Data);
+
+impl<const GRADIENT: bool> WithSimd for Run<'_, GRADIENT> {
+    type Output = f32;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> f32 {
+        if GRADIENT {
+            self.0.run_gradient(self.1)
+        } else {
+            self.0.run_primal(self.1)
+        }
+    }
 }
 
 impl Hand {
@@ -165,8 +183,18 @@ impl Hand {
         })
     }
 
+    /// The loss.
+    pub fn primal(&mut self, data: &Data) -> f32 {
+        Arch::new().dispatch(Run::<false>(self, data))
+    }
+
+    /// The loss and the gradients.
+    pub fn gradient(&mut self, data: &Data) -> f32 {
+        Arch::new().dispatch(Run::<true>(self, data))
+    }
+
     #[inline(always)]
-    pub fn primal(&self, data: &Data) -> f32 {
+    fn run_primal(&self, data: &Data) -> f32 {
         let mut kept = Kept::new();
         let mut loss = 0.0;
         for p in 0..PIXELS {
@@ -178,7 +206,7 @@ impl Hand {
     }
 
     #[inline(always)]
-    pub fn gradient(&mut self, data: &Data) -> f32 {
+    fn run_gradient(&mut self, data: &Data) -> f32 {
         self.adjoint.fill([0.0; 4]);
         let mut kept = Kept::new();
         let mut loss = 0.0;

@@ -113,11 +113,7 @@ pub fn run() {
     let program = record();
     let mut ws = bind(&program, &data);
     let mut hand = Hand::new(&data);
-    let arch = pulp::Arch::new();
-    let loss = arch.dispatch(
-        #[inline(always)]
-        || hand.gradient(&data),
-    );
+    let loss = hand.gradient(&data);
     program.vjp(&mut ws, "loss").expect("a bound program");
     check("loss", ws.output("loss").expect("an output"), &[loss]);
     check(
@@ -139,7 +135,7 @@ pub fn run() {
         &adjoint,
     );
 
-    let second = hand.clone();
+    let mut second = hand.clone();
     let mut other = bind(&program, &data);
     let albedo = data.albedo.clone();
     let direction: [(&str, &[f32]); 3] = [
@@ -150,16 +146,10 @@ pub fn run() {
     let mut third = bind(&program, &data);
     let [hand_primal, hand_gradient, primal, gradient, tangent] = best([
         &mut || {
-            std::hint::black_box(arch.dispatch(
-                #[inline(always)]
-                || second.primal(&data),
-            ));
+            std::hint::black_box(second.primal(&data));
         },
         &mut || {
-            std::hint::black_box(arch.dispatch(
-                #[inline(always)]
-                || hand.gradient(&data),
-            ));
+            std::hint::black_box(hand.gradient(&data));
         },
         &mut || program.forward(&mut ws).expect("a bound program"),
         &mut || {
