@@ -72,7 +72,17 @@ macro_rules! with_primitive {
     };
 }
 
+pub(super) use with_primitive;
+
 impl Element {
+    /// How many operands it has.
+    pub fn arity(self) -> usize {
+        with_primitive!(self, |p, N| {
+            let _ = p;
+            N
+        })
+    }
+
     /// What the partial derivative with respect to operand `i` reads.
     pub fn reads(self, i: usize) -> u8 {
         with_primitive!(self, |p, _N| p.reads(i))

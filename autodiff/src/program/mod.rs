@@ -1,11 +1,13 @@
 //! The compiled program: an immutable schedule of phases, shared between threads and workspaces.
 
 mod phase;
+mod runs;
 mod schedule;
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
 pub(crate) use phase::{Body, NONE, Phase, PullKind};
+pub(crate) use runs::{LIMIT, Run, Step};
 
 use crate::graph::{DomainInfo, IndexInfo, Node, NodeId, Op, Recording, Shape};
 

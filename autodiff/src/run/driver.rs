@@ -12,9 +12,11 @@ use super::chunk::{Chunk, Span, ensure, pull_len, sink_len, spans, store_len, wi
 use super::lane::Lane;
 use super::lookup::interleave;
 use super::passes;
+use super::plan::{Marks, Plan, forward_plans, reverse_plans};
 use super::replay::mark_replay;
 use super::rows::{PARTIALS, put};
 use super::sizes::{Extent, Sizes};
+use super::tiles::tile_len;
 use crate::buffer::Buffer;
 use crate::graph::{NodeId, Op};
 use crate::program::{Body, Phase, Program, PullKind};
@@ -40,6 +42,9 @@ pub(super) struct State<R> {
     pub(super) chunks: Vec<Vec<Mutex<Chunk<R>>>>,
     strides: Vec<usize>,
     places: Vec<Vec<Place>>,
+    plans: Vec<Vec<Plan>>,
+    /// Which adjoints a phase has written, while its plans are made.
+    written: Vec<bool>,
     pub(super) workers: Vec<Worker<R>>,
     column: Buffer<R>,
     arch: Arch,
@@ -75,6 +80,9 @@ impl<R: Lane> State<R> {
                     .collect(),
             );
         }
+        let plans = program.phases.iter().zip(&resolved);
+        let plans = plans.map(|(phase, places)| forward_plans(program, phase, places));
+        let plans = plans.collect();
         let threads = threads(sizes);
         let mut state = State {
             values: empty(),
@@ -98,6 +106,8 @@ impl<R: Lane> State<R> {
             chunks,
             strides,
             places: resolved,
+            plans,
+            written: Vec::new(),
             workers: (0..threads).map(|_| Worker::new()).collect(),
             column: Buffer::zeros(0),
             arch: Arch::new(),
@@ -267,6 +277,20 @@ impl<R: Lane> State<R> {
                 continue;
             }
             mark_replay(program, phase, &self.live, &mut self.replay);
+            let marks = Marks {
+                live: &self.live,
+                seeded: &self.seeded,
+                replay: &self.replay,
+            };
+            let plans = &mut self.plans[p];
+            reverse_plans(
+                program,
+                phase,
+                &self.places[p],
+                &marks,
+                &mut self.written,
+                plans,
+            );
             self.prepare(program, p, Pass::Adjoints);
             self.run(program, p, passes::reverse);
             self.assemble_adjoints(program, p);
@@ -334,6 +358,7 @@ impl<R: Lane> State<R> {
                 worker.written.resize(phase.locals.len(), false);
             }
             worker.scratch.grow(scratch);
+            worker.tile.grow(tile_len(phase));
         }
     }
 
@@ -381,6 +406,7 @@ impl<R: Lane> State<R> {
             live: &self.live,
             seeded: &self.seeded,
             replay: &self.replay,
+            plans: &self.plans[p],
         }
     }
 

@@ -21,9 +21,21 @@ pub(super) struct Rows {
 impl Rows {
     /// Elements of a row of the table.
     fn width(self) -> usize {
-        self.channels * self.axis
+        row_width(self.channels, self.axis)
     }
 }
+
+/// Elements of a row of a table: three channels are padded to four, so that a lookup is one vector load.
+pub(super) fn row_width(channels: usize, axis: usize) -> usize {
+    match (channels, axis) {
+        (3, 1) => PADDED,
+        _ => channels * axis,
+    }
+}
+
+const PADDED: usize = 4;
+/// Lanes looked up together.
+const GROUP: usize = 16;
 
 /// Brings a whole array into the order of a table.
 pub(super) fn interleave<R: Real>(
@@ -32,12 +44,13 @@ pub(super) fn interleave<R: Real>(
     axis: usize,
     table: &mut Buffer<R>,
 ) {
-    table.ensure(whole.len());
     let lanes = whole.len() / (channels * axis).max(1);
+    let width = row_width(channels, axis);
+    table.ensure(lanes * width);
     let table = table.as_mut_slice();
     for c in 0..channels {
         for lane in 0..lanes {
-            let (from, to) = ((c * lanes + lane) * axis, (lane * channels + c) * axis);
+            let (from, to) = ((c * lanes + lane) * axis, lane * width + c * axis);
             table[to..to + axis].copy_from_slice(&whole[from..from + axis]);
         }
     }
@@ -52,9 +65,10 @@ pub(super) fn deinterleave<R: Real>(
     add: bool,
 ) {
     let lanes = whole.len() / (channels * axis).max(1);
+    let width = row_width(channels, axis);
     for c in 0..channels {
         for lane in 0..lanes {
-            let (to, from) = ((c * lanes + lane) * axis, (lane * channels + c) * axis);
+            let (to, from) = ((c * lanes + lane) * axis, lane * width + c * axis);
             for k in 0..axis {
                 let x = table[from + k];
                 whole[to + k] = if add { whole[to + k] + x } else { x };
@@ -64,7 +78,7 @@ pub(super) fn deinterleave<R: Real>(
 }
 
 /// `block[lane] = table[index[lane]]`.
-pub(super) fn gather<R: Real>(table: &[R], rows: Rows, index: &[u32], block: &mut [R]) {
+pub(super) fn gather<R: Real>(arch: Arch, table: &[R], rows: Rows, index: &[u32], block: &mut [R]) {
     let Rows {
         channels,
         axis,
@@ -75,16 +89,13 @@ pub(super) fn gather<R: Real>(table: &[R], rows: Rows, index: &[u32], block: &mu
             *t = table[i as usize];
         }
     } else if channels == 3 && axis == 1 {
-        let (red, rest) = block.split_at_mut(pitch);
-        let (green, blue) = rest.split_at_mut(pitch);
-        let n = index.len();
-        let (red, green, blue) = (&mut red[..n], &mut green[..n], &mut blue[..n]);
-        for (lane, &i) in index.iter().enumerate() {
-            let row = &table[3 * i as usize..3 * i as usize + 3];
-            red[lane] = row[0];
-            green[lane] = row[1];
-            blue[lane] = row[2];
-        }
+        let kernel = GatherColors {
+            table,
+            index,
+            pitch,
+            block,
+        };
+        dispatch(arch, kernel);
     } else {
         for (lane, &i) in index.iter().enumerate() {
             let row = &table[i as usize * rows.width()..];
@@ -115,15 +126,13 @@ pub(super) fn scatter<R: Real>(
             *t = *t + *s;
         }
     } else if channels == 3 && axis == 1 {
-        let n = index.len();
-        let (red, green) = (&block[..n], &block[pitch..pitch + n]);
-        let blue = &block[2 * pitch..2 * pitch + n];
-        for (lane, &i) in index.iter().enumerate() {
-            let row = &mut table[3 * i as usize..3 * i as usize + 3];
-            row[0] = row[0] + red[lane];
-            row[1] = row[1] + green[lane];
-            row[2] = row[2] + blue[lane];
-        }
+        let kernel = ScatterColors {
+            table,
+            index,
+            pitch,
+            block,
+        };
+        dispatch(arch, kernel);
     } else {
         for (lane, &i) in index.iter().enumerate() {
             for c in 0..channels {
@@ -133,6 +142,87 @@ pub(super) fn scatter<R: Real>(
                 );
                 let target = &mut table[to..to + axis];
                 super::rows::put(arch, target, &block[from..from + axis], true);
+            }
+        }
+    }
+}
+
+/// [`gather`] of three channels.
+struct GatherColors<'a, R> {
+    table: &'a [R],
+    index: &'a [u32],
+    pitch: usize,
+    block: &'a mut [R],
+}
+
+impl<R: Real> Kernel for GatherColors<'_, R> {
+    const PACKED: bool = R::PACKED;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let n = self.index.len();
+        let (red, rest) = self.block.split_at_mut(self.pitch);
+        let (green, blue) = rest.split_at_mut(self.pitch);
+        let (rows, _) = self.table.as_chunks::<PADDED>();
+        let (groups, rest) = self.index.as_chunks::<GROUP>();
+        for (k, group) in groups.iter().enumerate() {
+            let mut found = [[R::default(); PADDED]; GROUP];
+            for i in 0..GROUP {
+                found[i] = rows[group[i] as usize];
+            }
+            let at = k * GROUP..(k + 1) * GROUP;
+            let (red, green) = (&mut red[at.clone()], &mut green[at.clone()]);
+            let blue = &mut blue[at];
+            for i in 0..GROUP {
+                red[i] = found[i][0];
+                green[i] = found[i][1];
+                blue[i] = found[i][2];
+            }
+        }
+        for (i, &row) in (n - rest.len()..n).zip(rest) {
+            [red[i], green[i], blue[i], _] = rows[row as usize];
+        }
+    }
+}
+
+/// [`scatter`] of three channels.
+struct ScatterColors<'a, R> {
+    table: &'a mut [R],
+    index: &'a [u32],
+    pitch: usize,
+    block: &'a [R],
+}
+
+impl<R: Real> Kernel for ScatterColors<'_, R> {
+    const PACKED: bool = R::PACKED;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let n = self.index.len();
+        let (red, green) = (&self.block[..n], &self.block[self.pitch..self.pitch + n]);
+        let blue = &self.block[2 * self.pitch..2 * self.pitch + n];
+        let (rows, _) = self.table.as_chunks_mut::<PADDED>();
+        let (groups, rest) = self.index.as_chunks::<GROUP>();
+        for (k, group) in groups.iter().enumerate() {
+            let at = k * GROUP..(k + 1) * GROUP;
+            let (red, green) = (&red[at.clone()], &green[at.clone()]);
+            let blue = &blue[at];
+            let mut shares = [[R::default(); PADDED]; GROUP];
+            for i in 0..GROUP {
+                shares[i] = [red[i], green[i], blue[i], R::default()];
+            }
+            for i in 0..GROUP {
+                let row = &mut rows[group[i] as usize];
+                for c in 0..PADDED {
+                    row[c] = row[c] + shares[i][c];
+                }
+            }
+        }
+        for (i, &at) in (n - rest.len()..n).zip(rest) {
+            let row = &mut rows[at as usize];
+            let share = [red[i], green[i], blue[i], R::default()];
+            for c in 0..PADDED {
+                row[c] = row[c] + share[c];
             }
         }
     }
@@ -324,7 +414,8 @@ pub(super) fn pull_weight<R: Real>(
     add: bool,
 ) {
     for (lane, (&i, target)) in index.iter().zip(target).enumerate() {
-        let row = &table[i as usize * rows.width()..(i as usize + 1) * rows.width()];
+        let start = i as usize * rows.width();
+        let row = &table[start..start + rows.channels * rows.axis];
         let mut sum = R::default();
         for (c, row) in row.chunks_exact(rows.axis).enumerate() {
             let start = c * rows.pitch + lane * rows.axis;

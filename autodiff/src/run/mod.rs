@@ -18,12 +18,14 @@ mod matmul;
 mod memory;
 mod modes;
 mod passes;
+mod plan;
 mod replay;
 mod rows;
 mod segments;
 mod sinks;
 mod sizes;
 mod tangent;
+mod tiles;
 mod value;
 mod workspace;
 
