@@ -3,10 +3,8 @@
 //! A loop per operation over a whole block would go to L2 for every operand. Here a short list of instructions runs over
 //! [`TILE`] elements before it goes on to the next: values that only the run itself reads never leave the tile.
 
-use pulp::Simd;
-
 use super::arithmetic::{Add, Affine, Div, Fifth, Mul, MulAdd, Neg, Recip, Square, Sub};
-use super::kernel::{Kernel, operands, term};
+use super::kernel::{operands, term};
 use super::smooth::{Acos, Atan2, Cos, Exp, Ln, Pow, Rsqrt, Sigmoid, Sin, Softplus, Sqrt};
 use super::switch::{Abs, Clamp, Less, LessEqual, Max, Min, Relu, Select};
 use super::{Element, Primitive, element::with_primitive};
@@ -16,7 +14,7 @@ use crate::real::{Fma, Real};
 pub(crate) const TILE: usize = 64;
 
 /// A value of a run on a tile.
-type Row<R> = [R; TILE];
+pub(crate) type Row<R> = [R; TILE];
 
 /// Evaluates an operation: row `out` from rows `x`, all of which come before it.
 #[derive(Clone, Copy, Debug)]
@@ -46,109 +44,18 @@ pub(crate) struct Transfer {
     pub offset: usize,
 }
 
-/// The forward direction of a run over `len` elements.
-pub(crate) struct Forward<'a, R> {
-    pub len: usize,
-    /// What is read, row by row.
-    pub sources: &'a [&'a [R]],
-    pub instructions: &'a [Instruction],
-    pub exports: &'a [Transfer],
-    pub targets: &'a mut [&'a mut [R]],
-    pub rows: &'a mut [R],
-}
-
-impl<R: Real> Kernel for Forward<'_, R> {
-    const PACKED: bool = R::PACKED;
-
-    #[inline(always)]
-    fn run<S: Simd>(self, _: S) {
-        let (rows, _) = self.rows.as_chunks_mut::<TILE>();
-        for at in (0..self.len).step_by(TILE) {
-            let len = TILE.min(self.len - at);
-            for (row, source) in rows.iter_mut().zip(self.sources) {
-                load(row, &source[at..at + len]);
-            }
-            for instruction in self.instructions {
-                evaluate::<R, S>(instruction, rows);
-            }
-            for export in self.exports {
-                let start = export.offset + at;
-                let target = &mut self.targets[export.array as usize][start..start + len];
-                store(target, &rows[export.row as usize]);
-            }
-        }
-    }
-}
-
-/// The reverse direction of a run over `len` elements: values are computed again in the tile, then adjoints passed back.
-pub(crate) struct Reverse<'a, R> {
-    pub len: usize,
-    pub sources: &'a [&'a [R]],
-    pub instructions: &'a [Instruction],
-    /// Adjoints that others have written: of results, from `adjoints`.
-    pub imports: &'a [Transfer],
-    pub adjoints: &'a [&'a [R]],
-    /// Adjoints of what the run reads that others have written: from `targets`.
-    pub reads: &'a [Transfer],
-    pub pulls: &'a [Pull],
-    pub exports: &'a [Transfer],
-    pub targets: &'a mut [&'a mut [R]],
-    /// Values, then as many adjoints.
-    pub rows: &'a mut [R],
-}
-
-impl<R: Real> Kernel for Reverse<'_, R> {
-    const PACKED: bool = R::PACKED;
-
-    #[inline(always)]
-    fn run<S: Simd>(self, _: S) {
-        let (rows, _) = self.rows.as_chunks_mut::<TILE>();
-        let half = rows.len() / 2;
-        let (values, adjoints) = rows.split_at_mut(half);
-        for at in (0..self.len).step_by(TILE) {
-            let len = TILE.min(self.len - at);
-            for (row, source) in values.iter_mut().zip(self.sources) {
-                // Sources whose values are not read are left empty.
-                if !source.is_empty() {
-                    load(row, &source[at..at + len]);
-                }
-            }
-            for instruction in self.instructions {
-                evaluate::<R, S>(instruction, values);
-            }
-            for import in self.imports {
-                let start = import.offset + at;
-                let source = &self.adjoints[import.array as usize][start..start + len];
-                load(&mut adjoints[import.row as usize], source);
-            }
-            for read in self.reads {
-                let start = read.offset + at;
-                let source = &self.targets[read.array as usize][start..start + len];
-                load(&mut adjoints[read.row as usize], source);
-            }
-            for pull in self.pulls {
-                pass::<R, S>(pull, values, adjoints);
-            }
-            for export in self.exports {
-                let start = export.offset + at;
-                let target = &mut self.targets[export.array as usize][start..start + len];
-                store(target, &adjoints[export.row as usize]);
-            }
-        }
-    }
-}
-
-/// Copies a tile, or what is left of the block. What lies beyond is computed on and never stored.
+/// Reads a tile, or what is left of the block. What lies beyond is computed on and never stored.
 #[inline(always)]
-fn load<R: Real>(row: &mut Row<R>, source: &[R]) {
+pub(crate) fn load<R: Real>(row: &mut Row<R>, source: &[R]) {
     match source.first_chunk::<TILE>() {
         Some(whole) => *row = *whole,
         None => row[..source.len()].copy_from_slice(source),
     }
 }
 
+/// Writes a tile, or what is left of the block.
 #[inline(always)]
-fn store<R: Real>(target: &mut [R], row: &Row<R>) {
+pub(crate) fn store<R: Real>(target: &mut [R], row: &Row<R>) {
     let len = target.len();
     match target.first_chunk_mut::<TILE>() {
         Some(whole) => *whole = *row,
@@ -156,8 +63,9 @@ fn store<R: Real>(target: &mut [R], row: &Row<R>) {
     }
 }
 
+/// Executes an instruction.
 #[inline(always)]
-fn evaluate<R: Real, F: Fma>(instruction: &Instruction, rows: &mut [Row<R>]) {
+pub(crate) fn evaluate<R: Real, F: Fma>(instruction: &Instruction, rows: &mut [Row<R>]) {
     let (before, rest) = rows.split_at_mut(instruction.out as usize);
     let [x0, x1, x2] = instruction.x.map(|x| &before[x as usize]);
     let y = &mut rest[0];
@@ -179,8 +87,9 @@ fn evaluate_row<R: Real, F: Fma, P: Primitive<N>, const N: usize>(
     }
 }
 
+/// Passes an adjoint on to one operand.
 #[inline(always)]
-fn pass<R: Real, F: Fma>(pull: &Pull, values: &[Row<R>], adjoints: &mut [Row<R>]) {
+pub(crate) fn pass<R: Real, F: Fma>(pull: &Pull, values: &[Row<R>], adjoints: &mut [Row<R>]) {
     let Instruction { element, out, x } = pull.of;
     let y = &values[out as usize];
     let (before, rest) = adjoints.split_at_mut(out as usize);

@@ -67,7 +67,7 @@ pub(crate) enum PullKind {
 impl Phase {
     pub(super) fn new(nodes: &[Node], members: &Group, whole: &[bool]) -> Phase {
         let mut order = members.nodes.clone();
-        let (steps, runs) = group(nodes, &mut order);
+        let (steps, runs) = group(nodes, whole, &mut order);
         let mut phase = Phase {
             domain: members.domain,
             body: Body::Block,

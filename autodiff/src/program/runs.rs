@@ -25,6 +25,10 @@ pub(crate) struct Run {
     pub instructions: Vec<Instruction>,
     /// The node that each instruction computes a channel of.
     pub owners: Vec<(NodeId, usize)>,
+    /// Expansions and gathers that only this run reads, and the row of their first channel: done tile by tile too.
+    pub lookups: Vec<(NodeId, usize)>,
+    /// Sums over lanes of results, likewise.
+    pub sinks: Vec<NodeId>,
     axis: Option<usize>,
 }
 
@@ -35,8 +39,15 @@ impl Run {
             externals: Vec::new(),
             instructions: Vec::new(),
             owners: Vec::new(),
+            lookups: Vec::new(),
+            sinks: Vec::new(),
             axis,
         }
+    }
+
+    /// The row of a channel of a node that the run computes.
+    pub fn row(&self, id: NodeId, channel: usize) -> Option<usize> {
+        Some(self.externals.len() + self.own((id, channel))?)
     }
 
     /// Rows of values.
@@ -102,7 +113,11 @@ impl Run {
 }
 
 /// Puts the nodes of a phase in an order that makes few runs, and groups them.
-pub(super) fn group(nodes: &[Node], members: &mut [NodeId]) -> (Vec<Step>, Vec<Run>) {
+pub(super) fn group(
+    nodes: &[Node],
+    whole: &[bool],
+    members: &mut [NodeId],
+) -> (Vec<Step>, Vec<Run>) {
     let is_element = |id: NodeId| matches!(nodes[id].op, Op::Element(_));
     // How often one has to go from a run to something else and back before a node.
     let mut rank = vec![None; nodes.len()];
@@ -150,5 +165,60 @@ pub(super) fn group(nodes: &[Node], members: &mut [NodeId]) -> (Vec<Step>, Vec<R
     for run in &mut runs {
         run.close(nodes);
     }
+    absorb(nodes, whole, &mut steps, &mut runs);
     (steps, runs)
+}
+
+/// Moves lookups that a single run reads, and sums of what a run computes, into the run.
+fn absorb(nodes: &[Node], whole: &[bool], steps: &mut Vec<Step>, runs: &mut [Run]) {
+    let others: Vec<NodeId> = steps
+        .iter()
+        .filter_map(|step| match step {
+            Step::Node(id) => Some(*id),
+            Step::Run(_) => None,
+        })
+        .collect();
+    steps.retain(|step| {
+        let &Step::Node(id) = step else { return true };
+        let node = &nodes[id];
+        if node.shape.axis.is_some() {
+            return true;
+        }
+        match node.op {
+            Op::Expand | Op::Gather(_) if !whole[id] => {
+                let reads = |run: &Run| run.externals.iter().position(|&read| read == (id, 0));
+                let mut readers = runs
+                    .iter()
+                    .enumerate()
+                    .filter_map(|(r, run)| Some((r, reads(run)?)));
+                let (Some((run, row)), None) = (readers.next(), readers.next()) else {
+                    return true;
+                };
+                if others
+                    .iter()
+                    .any(|&other| nodes[other].inputs.contains(&id))
+                {
+                    return true;
+                }
+                runs[run].lookups.push((id, row));
+                false
+            }
+            Op::SegmentSum { .. } | Op::SumLanes => {
+                let input = node.inputs[0];
+                let rows = |run: &Run| {
+                    let rows = run.sinks.iter().map(|&sink| nodes[sink].shape.channels);
+                    rows.sum::<usize>() + node.shape.channels
+                };
+                let run = runs.iter_mut().find(|run| run.nodes.contains(&input));
+                match run.filter(|run| rows(run) <= LIMIT) {
+                    Some(run) => {
+                        run.sinks.push(id);
+                        false
+                    }
+                    None => true,
+                }
+            }
+            _ => true,
+        }
+    });
 }

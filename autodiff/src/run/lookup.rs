@@ -84,25 +84,20 @@ pub(super) fn gather<R: Real>(arch: Arch, table: &[R], rows: Rows, index: &[u32]
         axis,
         pitch,
     } = rows;
-    if channels == 1 && axis == 1 {
-        for (t, &i) in block.iter_mut().zip(index) {
-            *t = table[i as usize];
-        }
-    } else if channels == 3 && axis == 1 {
-        let kernel = GatherColors {
+    if axis == 1 {
+        let kernel = GatherRows {
             table,
+            rows,
             index,
-            pitch,
             block,
         };
-        dispatch(arch, kernel);
-    } else {
-        for (lane, &i) in index.iter().enumerate() {
-            let row = &table[i as usize * rows.width()..];
-            for c in 0..channels {
-                let start = c * pitch + lane * axis;
-                block[start..start + axis].copy_from_slice(&row[c * axis..(c + 1) * axis]);
-            }
+        return dispatch(arch, kernel);
+    }
+    for (lane, &i) in index.iter().enumerate() {
+        let row = &table[i as usize * rows.width()..];
+        for c in 0..channels {
+            let start = c * pitch + lane * axis;
+            block[start..start + axis].copy_from_slice(&row[c * axis..(c + 1) * axis]);
         }
     }
 }
@@ -120,110 +115,147 @@ pub(super) fn scatter<R: Real>(
         axis,
         pitch,
     } = rows;
-    if channels == 1 && axis == 1 {
-        for (s, &i) in block.iter().zip(index) {
-            let t = &mut table[i as usize];
-            *t = *t + *s;
-        }
-    } else if channels == 3 && axis == 1 {
-        let kernel = ScatterColors {
+    if axis == 1 {
+        let kernel = ScatterRows {
             table,
+            rows,
             index,
-            pitch,
             block,
         };
-        dispatch(arch, kernel);
-    } else {
-        for (lane, &i) in index.iter().enumerate() {
-            for c in 0..channels {
-                let (to, from) = (
-                    i as usize * rows.width() + c * axis,
-                    c * pitch + lane * axis,
-                );
-                let target = &mut table[to..to + axis];
-                super::rows::put(arch, target, &block[from..from + axis], true);
-            }
+        return dispatch(arch, kernel);
+    }
+    for (lane, &i) in index.iter().enumerate() {
+        for c in 0..channels {
+            let (to, from) = (
+                i as usize * rows.width() + c * axis,
+                c * pitch + lane * axis,
+            );
+            let target = &mut table[to..to + axis];
+            super::rows::put(arch, target, &block[from..from + axis], true);
         }
     }
 }
 
-/// [`gather`] of three channels.
-struct GatherColors<'a, R> {
+/// [`gather`] without an axis, to be compiled for every instruction set.
+struct GatherRows<'a, R> {
     table: &'a [R],
+    rows: Rows,
     index: &'a [u32],
-    pitch: usize,
     block: &'a mut [R],
 }
 
-impl<R: Real> Kernel for GatherColors<'_, R> {
+impl<R: Real> Kernel for GatherRows<'_, R> {
     const PACKED: bool = R::PACKED;
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let n = self.index.len();
-        let (red, rest) = self.block.split_at_mut(self.pitch);
-        let (green, blue) = rest.split_at_mut(self.pitch);
-        let (rows, _) = self.table.as_chunks::<PADDED>();
-        let (groups, rest) = self.index.as_chunks::<GROUP>();
-        for (k, group) in groups.iter().enumerate() {
-            let mut found = [[R::default(); PADDED]; GROUP];
-            for i in 0..GROUP {
-                found[i] = rows[group[i] as usize];
-            }
-            let at = k * GROUP..(k + 1) * GROUP;
-            let (red, green) = (&mut red[at.clone()], &mut green[at.clone()]);
-            let blue = &mut blue[at];
-            for i in 0..GROUP {
-                red[i] = found[i][0];
-                green[i] = found[i][1];
-                blue[i] = found[i][2];
+        gather_rows(self.table, self.rows, self.index, self.block);
+    }
+}
+
+/// [`gather`] without an axis, within a kernel.
+#[inline(always)]
+pub(super) fn gather_rows<R: Real>(table: &[R], rows: Rows, index: &[u32], block: &mut [R]) {
+    let Rows {
+        channels, pitch, ..
+    } = rows;
+    match channels {
+        1 => {
+            for (t, &i) in block.iter_mut().zip(index) {
+                *t = table[i as usize];
             }
         }
-        for (i, &row) in (n - rest.len()..n).zip(rest) {
-            [red[i], green[i], blue[i], _] = rows[row as usize];
+        3 => gather_colors(table, pitch, index, block),
+        _ => {
+            for (lane, &i) in index.iter().enumerate() {
+                let row = &table[i as usize * channels..(i as usize + 1) * channels];
+                for (c, x) in row.iter().enumerate() {
+                    block[c * pitch + lane] = *x;
+                }
+            }
         }
     }
 }
 
-/// [`scatter`] of three channels.
-struct ScatterColors<'a, R> {
+#[inline(always)]
+fn gather_colors<R: Real>(table: &[R], pitch: usize, index: &[u32], block: &mut [R]) {
+    let n = index.len();
+    let (red, rest) = block.split_at_mut(pitch);
+    let (green, blue) = rest.split_at_mut(pitch);
+    let (rows, _) = table.as_chunks::<PADDED>();
+    let (groups, rest) = index.as_chunks::<GROUP>();
+    for (k, group) in groups.iter().enumerate() {
+        let mut found = [[R::default(); PADDED]; GROUP];
+        for i in 0..GROUP {
+            found[i] = rows[group[i] as usize];
+        }
+        let at = k * GROUP..(k + 1) * GROUP;
+        let (red, green) = (&mut red[at.clone()], &mut green[at.clone()]);
+        let blue = &mut blue[at];
+        for i in 0..GROUP {
+            red[i] = found[i][0];
+            green[i] = found[i][1];
+            blue[i] = found[i][2];
+        }
+    }
+    for (i, &row) in (n - rest.len()..n).zip(rest) {
+        [red[i], green[i], blue[i], _] = rows[row as usize];
+    }
+}
+
+/// [`scatter`] without an axis, to be compiled for every instruction set.
+struct ScatterRows<'a, R> {
     table: &'a mut [R],
+    rows: Rows,
     index: &'a [u32],
-    pitch: usize,
     block: &'a [R],
 }
 
-impl<R: Real> Kernel for ScatterColors<'_, R> {
+impl<R: Real> Kernel for ScatterRows<'_, R> {
     const PACKED: bool = R::PACKED;
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let n = self.index.len();
-        let (red, green) = (&self.block[..n], &self.block[self.pitch..self.pitch + n]);
-        let blue = &self.block[2 * self.pitch..2 * self.pitch + n];
-        let (rows, _) = self.table.as_chunks_mut::<PADDED>();
-        let (groups, rest) = self.index.as_chunks::<GROUP>();
-        for (k, group) in groups.iter().enumerate() {
-            let at = k * GROUP..(k + 1) * GROUP;
-            let (red, green) = (&red[at.clone()], &green[at.clone()]);
-            let blue = &blue[at];
-            let mut shares = [[R::default(); PADDED]; GROUP];
-            for i in 0..GROUP {
-                shares[i] = [red[i], green[i], blue[i], R::default()];
+        scatter_rows(self.table, self.rows, self.index, self.block);
+    }
+}
+
+/// [`scatter`] without an axis, within a kernel.
+#[inline(always)]
+pub(super) fn scatter_rows<R: Real>(table: &mut [R], rows: Rows, index: &[u32], block: &[R]) {
+    let Rows {
+        channels, pitch, ..
+    } = rows;
+    match channels {
+        1 => {
+            for (s, &i) in block.iter().zip(index) {
+                let t = &mut table[i as usize];
+                *t = *t + *s;
             }
-            for i in 0..GROUP {
-                let row = &mut rows[group[i] as usize];
-                for c in 0..PADDED {
-                    row[c] = row[c] + shares[i][c];
+        }
+        3 => scatter_colors(table, pitch, index, block),
+        _ => {
+            for (lane, &i) in index.iter().enumerate() {
+                let row = &mut table[i as usize * channels..(i as usize + 1) * channels];
+                for (c, x) in row.iter_mut().enumerate() {
+                    *x = *x + block[c * pitch + lane];
                 }
             }
         }
-        for (i, &at) in (n - rest.len()..n).zip(rest) {
-            let row = &mut rows[at as usize];
-            let share = [red[i], green[i], blue[i], R::default()];
-            for c in 0..PADDED {
-                row[c] = row[c] + share[c];
-            }
+    }
+}
+
+#[inline(always)]
+fn scatter_colors<R: Real>(table: &mut [R], pitch: usize, index: &[u32], block: &[R]) {
+    let n = index.len();
+    let (red, green) = (&block[..n], &block[pitch..pitch + n]);
+    let blue = &block[2 * pitch..2 * pitch + n];
+    let (rows, _) = table.as_chunks_mut::<PADDED>();
+    for (i, &at) in index.iter().enumerate() {
+        let row = &mut rows[at as usize];
+        let share = [red[i], green[i], blue[i], R::default()];
+        for c in 0..PADDED {
+            row[c] = row[c] + share[c];
         }
     }
 }

@@ -25,6 +25,7 @@ mod segments;
 mod sinks;
 mod sizes;
 mod tangent;
+mod tile_kernel;
 mod tiles;
 mod value;
 mod workspace;

@@ -38,7 +38,7 @@ pub(super) fn forward<R: Lane>(
             match *step {
                 Step::Run(at) => {
                     let plan = &env.plans[at].forward;
-                    tiles::forward(env, worker, lanes, &env.phase.runs[at], plan);
+                    tiles::forward(env, worker, Some(chunk), lanes, &env.phase.runs[at], plan);
                 }
                 Step::Node(id) => {
                     let op = &env.program.nodes[id].op;
@@ -94,7 +94,7 @@ pub(super) fn reverse<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, chunk: &mut
             seed(env, worker, lanes);
             for step in env.phase.steps.iter().rev() {
                 match *step {
-                    Step::Run(at) => tiles::reverse(env, worker, lanes, at),
+                    Step::Run(at) => tiles::reverse(env, worker, chunk, lanes, at),
                     Step::Node(id) if env.live[id] => adjoint(env, worker, chunk, lanes, id),
                     Step::Node(_) => {}
                 }
@@ -137,7 +137,7 @@ fn replay<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes) {
         match *step {
             Step::Run(at) => {
                 let plan = &env.plans[at].replay;
-                tiles::forward(env, worker, lanes, &env.phase.runs[at], plan);
+                tiles::forward(env, worker, None, lanes, &env.phase.runs[at], plan);
             }
             Step::Node(id) => replay_node(env, worker, lanes, id),
         }
@@ -199,7 +199,7 @@ fn fill_constant_tangents<R: Lane>(env: &Env<R>, worker: &mut Worker<R>) {
     }
 }
 
-fn sink_position<R>(env: &Env<R>, id: NodeId) -> usize {
+pub(super) fn sink_position<R>(env: &Env<R>, id: NodeId) -> usize {
     env.phase
         .sinks
         .iter()

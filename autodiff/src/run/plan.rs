@@ -2,10 +2,10 @@
 
 use super::block::Place;
 use super::replay::reads_value;
-use crate::graph::NodeId;
+use crate::graph::{NodeId, Op};
 use crate::op::RESULT;
 use crate::op::tile::{Instruction, Pull, Transfer};
-use crate::program::{Phase, Program, Run, Step};
+use crate::program::{Phase, Program, PullKind, Run, Step};
 
 /// The plans of one run.
 #[derive(Clone, Debug, Default)]
@@ -26,6 +26,8 @@ pub(super) struct Values {
     pub exports: Vec<Transfer>,
     /// Slots that are written.
     pub targets: Vec<usize>,
+    /// Whether the run's sums are accumulated.
+    pub sums: bool,
 }
 
 /// Computes values again, and passes adjoints back.
@@ -41,10 +43,33 @@ pub(super) struct Adjoints {
     pub adds: Vec<Transfer>,
     pub exports: Vec<Transfer>,
     pub targets: Vec<usize>,
+    /// Adjoints of the run's sums.
+    pub sums: Vec<SumAdjoint>,
+    /// Adjoints that go to whole arrays.
+    pub lookups: Vec<LookupAdjoint>,
     /// Which rows have an adjoint.
     has: Vec<bool>,
     /// Which rows' values are read.
     needed: Vec<bool>,
+}
+
+/// Spreads the adjoint of one channel of a sum over lanes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SumAdjoint {
+    pub sink: NodeId,
+    pub channel: usize,
+    pub row: usize,
+    pub add: bool,
+}
+
+/// Adds the adjoint of a lookup to the accumulation of a chunk.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LookupAdjoint {
+    pub id: NodeId,
+    /// Row of the first channel.
+    pub row: usize,
+    /// Which accumulation.
+    pub pull: usize,
 }
 
 /// Marks of the nodes for one reverse pass.
@@ -60,24 +85,30 @@ pub(super) fn forward_plans(program: &Program, phase: &Phase, places: &[Place]) 
         let mut plan = Plan::default();
         let leaves = |id: NodeId| {
             let outside = |&user: &NodeId| {
-                !run.nodes.contains(&user) && program.nodes[user].inputs.contains(&id)
+                let known = run.nodes.contains(&user) || run.sinks.contains(&user);
+                !known && program.nodes[user].inputs.contains(&id)
             };
             phase.stores.contains(&id) || phase.nodes.iter().any(outside)
         };
         let mut needed = Vec::new();
-        plan.forward.fill(run, places, leaves, &mut needed);
+        let summed = run.sinks.iter().map(|&sink| program.nodes[sink].inputs[0]);
+        let summed: Vec<NodeId> = summed.collect();
+        plan.forward.sums = !summed.is_empty();
+        let sums = |id: NodeId| summed.contains(&id);
+        plan.forward.fill(run, places, leaves, sums, &mut needed);
         plan
     };
     phase.runs.iter().map(plan).collect()
 }
 
 impl Values {
-    /// Plans to leave the nodes that `leaves` tells, and to compute what they need.
+    /// Plans to leave the nodes that `leaves` tells, and to compute them, those that `keeps` tells, and what they need.
     fn fill(
         &mut self,
         run: &Run,
         places: &[Place],
         leaves: impl Fn(NodeId) -> bool,
+        keeps: impl Fn(NodeId) -> bool,
         needed: &mut Vec<bool>,
     ) {
         self.exports.clear();
@@ -85,10 +116,11 @@ impl Values {
         needed.clear();
         needed.resize(run.rows(), false);
         for (instruction, &(id, channel)) in run.instructions.iter().zip(&run.owners) {
-            if !leaves(id) {
+            let leaves = leaves(id);
+            needed[instruction.out as usize] |= leaves || keeps(id);
+            if !leaves {
                 continue;
             }
-            needed[instruction.out as usize] = true;
             let place = places[id];
             let array = position(&mut self.targets, place.slot as usize);
             self.exports.push(Transfer {
@@ -120,7 +152,7 @@ pub(super) fn reverse_plans(
         let Plan {
             replay, adjoints, ..
         } = plan;
-        replay.fill(run, places, outside, &mut adjoints.needed);
+        replay.fill(run, places, outside, |_| false, &mut adjoints.needed);
     }
     let slot = |id: NodeId| places[id].slot as usize;
     written.clear();
@@ -130,13 +162,10 @@ pub(super) fn reverse_plans(
     }
     for step in phase.steps.iter().rev() {
         match *step {
-            Step::Run(at) => plans[at].adjoints.fill(
-                program,
-                &phase.runs[at],
-                places,
-                marks.live,
-                written.as_mut_slice(),
-            ),
+            Step::Run(at) => {
+                let adjoints = &mut plans[at].adjoints;
+                adjoints.fill(program, phase, &phase.runs[at], places, marks, written);
+            }
             Step::Node(id) => {
                 let node = &program.nodes[id];
                 let reached = match node.op.is_sink() {
@@ -160,17 +189,21 @@ impl Adjoints {
     fn fill(
         &mut self,
         program: &Program,
+        phase: &Phase,
         run: &Run,
         places: &[Place],
-        live: &[bool],
+        marks: &Marks,
         written: &mut [bool],
     ) {
+        let live = marks.live;
         for list in [&mut self.imports, &mut self.adds, &mut self.exports] {
             list.clear();
         }
         self.sources.clear();
         self.targets.clear();
         self.pulls.clear();
+        self.sums.clear();
+        self.lookups.clear();
         for marks in [&mut self.has, &mut self.needed] {
             marks.clear();
             marks.resize(run.rows(), false);
@@ -187,9 +220,38 @@ impl Adjoints {
                 });
             }
         }
+        for &sink in &run.sinks {
+            let input = program.nodes[sink].inputs[0];
+            if !(marks.seeded[sink] && live[sink] && live[input]) {
+                continue;
+            }
+            for channel in 0..program.nodes[input].shape.channels {
+                let Some(row) = run.row(input, channel) else {
+                    continue;
+                };
+                let add = std::mem::replace(&mut self.has[row], true);
+                self.sums.push(SumAdjoint {
+                    sink,
+                    channel,
+                    row,
+                    add,
+                });
+            }
+        }
         for (instruction, &(id, _)) in run.instructions.iter().zip(&run.owners).rev() {
             if live[id] && self.has[instruction.out as usize] {
                 self.pull(program, run, places, live, written, (instruction, id));
+            }
+        }
+        for &(id, row) in &run.lookups {
+            let input = program.nodes[id].inputs[0];
+            let kind = match program.nodes[id].op {
+                Op::Expand => PullKind::Parents,
+                _ => PullKind::Table,
+            };
+            let pull = phase.pull(input, kind, id);
+            if let Some(pull) = pull.filter(|_| live[input] && self.has[row]) {
+                self.lookups.push(LookupAdjoint { id, row, pull });
             }
         }
         for export in &self.exports {
@@ -220,6 +282,7 @@ impl Adjoints {
             let row = instruction.x[i] as usize;
             if let Some(&(_, channel)) = run.externals.get(row)
                 && !self.has[row]
+                && run.lookups.iter().all(|&(lookup, _)| lookup != input)
             {
                 let place = places[input];
                 let transfer = Transfer {
