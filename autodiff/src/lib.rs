@@ -91,4 +91,7 @@ pub use graph::{
 pub use linear_map::LinearMap;
 pub use program::Program;
 pub use real::{Fma, Real, Scalar};
-pub use run::{Memory, NonFinite, Sizes, Workspace};
+pub use run::{
+    Explanation, GradCheck, GradReport, Memory, NodeCost, NonFinite, ParamCheck, Singularity,
+    Sizes, Workspace,
+};

@@ -12,6 +12,10 @@ type Step = (u8, usize, usize);
 
 /// A graph of random steps over three domains and an axis, on values kept near 1 so that nothing overflows.
 fn record(steps: &[Step]) -> Program {
+    record_with(steps, true)
+}
+
+fn record_with(steps: &[Step], simplify: bool) -> Program {
     let g = Graph::new();
     let (pixel, texel) = (g.domain("pixels"), g.domain("texels"));
     let sample = g.segments("samples", &pixel);
@@ -37,7 +41,7 @@ fn record(steps: &[Step]) -> Program {
         let compatible = |u: &Var, v: &Var| {
             u.channels() == v.channels() || u.channels() == 1 || v.channels() == 1
         };
-        match kind % 14 {
+        match kind % 20 {
             0 => samples.push(p.expand(&sample)),
             1 => samples.push(x.gather(&index[b % 2])),
             2 => samples
@@ -55,7 +59,15 @@ fn record(steps: &[Step]) -> Program {
             10 => pixels.push(p.sum_axis().sum_channels().sigmoid() * &scale),
             11 => texels.push(settle(x.exp() * &scale + p.sum() * 0.01)),
             12 => samples.push(Var::stack(&[s, &t.channel(0)]).normalize()),
-            _ => samples.push(settle(s.segment_sum() * 0.1).expand(&sample)),
+            13 => samples.push(settle(s.segment_sum() * 0.1).expand(&sample)),
+            // What is simplified.
+            14 if compatible(s, t) => samples.push(settle(s.square() - t * s)),
+            15 if compatible(s, t) => samples.push(settle(s * t - s.channel(0)) - s * t),
+            16 => pixels.push((p + p) * (q.channel(0).square() + 1.0).sqrt().recip()),
+            17 => samples
+                .push(settle(-(s * s * 2.0 + 1.0) + 0.5) * (1.0 / (t.channel(0).square() + 2.0))),
+            18 => pixels.push(settle(p * p.channel(0) + 3.0)),
+            _ => samples.push(visible.select(s, s) + weight.detach().detach() * 1.0),
         }
     }
     let last = |values: &[Var]| {
@@ -64,8 +76,12 @@ fn record(steps: &[Step]) -> Program {
     };
     let loss = last(&pixels) + last(&samples) + last(&texels);
     let residual = pixels[pixels.len() - 1].clone();
-    g.compile(&[("loss", &loss), ("residual", &residual)])
-        .unwrap()
+    let outputs = [("loss", &loss), ("residual", &residual)];
+    let program = match simplify {
+        true => g.compile(&outputs),
+        false => g.compile_as_recorded(&outputs),
+    };
+    program.unwrap()
 }
 
 /// Lanes of every pixel, and numbers to fill arrays with.
@@ -203,6 +219,25 @@ proptest! {
         let terms = PARAMS.iter().zip(&direction).map(|(p, v)| dot(ws.gradient(p).unwrap(), v));
         let (right, scale) = terms.fold((0.0, 1.0f64), |(sum, scale), x| (sum + x, scale + x.abs()));
         prop_assert!((left - right).abs() <= 1e-12 * scale, "{left} forward, {right} in reverse");
+    }
+
+    #[test]
+    fn simplification_changes_nothing_but_rounding(steps in steps(), data in data()) {
+        let results = [true, false].map(|simplify| {
+            let program = record_with(&steps, simplify);
+            let mut ws = data.workspace::<f64>(&program, 256);
+            program.jvp(&mut ws, &named(&data.direction::<f64>())).unwrap();
+            program.vjp(&mut ws, "loss").unwrap();
+            let mut all = vec![ws.output("loss").unwrap().to_vec(), ws.tangent("loss").unwrap().to_vec()];
+            all.extend(PARAMS.iter().map(|p| ws.gradient(p).unwrap().to_vec()));
+            all
+        });
+        for (on, off) in results[0].iter().zip(&results[1]) {
+            let norm = off.iter().fold(1.0f64, |norm, x| norm.max(x.abs()));
+            for (a, b) in on.iter().zip(off) {
+                prop_assert!((a - b).abs() <= 1e-9 * norm, "{a} simplified, {b} as recorded");
+            }
+        }
     }
 
     #[test]

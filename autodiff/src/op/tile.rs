@@ -3,7 +3,9 @@
 //! A loop per operation over a whole block would go to L2 for every operand. Here a short list of instructions runs over
 //! [`TILE`] elements before it goes on to the next: values that only the run itself reads never leave the tile.
 
-use super::arithmetic::{Add, Affine, Div, Fifth, Mul, MulAdd, Neg, Recip, Square, Sub};
+use super::arithmetic::{
+    Add, Affine, Div, Fifth, Mul, MulAdd, MulSub, Neg, NegMulAdd, Product, Recip, Square, Sub,
+};
 use super::kernel::{operands, term};
 use super::smooth::{Acos, Atan2, Cos, Exp, Ln, Pow, Rsqrt, Sigmoid, Sin, Softplus, Sqrt};
 use super::switch::{Abs, Clamp, Less, LessEqual, Max, Min, Relu, Select};

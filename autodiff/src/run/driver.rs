@@ -8,21 +8,18 @@ use rayon::prelude::*;
 
 use super::assemble::Layout;
 use super::block::{Env, Place, Whole, Worker, places};
-use super::chunk::{Chunk, Span, ensure, pull_len, sink_len, spans, store_len, widest};
+use super::chunk::{Chunk, ensure, pull_len, sink_len, spans, store_len, widest};
 use super::lane::Lane;
 use super::lookup::interleave;
 use super::passes;
 use super::plan::{Marks, Plan, forward_plans, reverse_plans};
 use super::replay::mark_replay;
-use super::rows::{PARTIALS, put};
+use super::room::{grow, scratch_len, stride, threads};
 use super::sizes::{Extent, Sizes};
 use super::tiles::tile_len;
 use crate::buffer::Buffer;
 use crate::graph::{NodeId, Op};
 use crate::program::{Body, Phase, Program, PullKind};
-
-/// How many times larger than others a value along an axis may be in a block.
-const WIDE: usize = 16;
 
 /// All that a run changes, for one scalar type.
 pub(super) struct State<R> {
@@ -46,8 +43,8 @@ pub(super) struct State<R> {
     /// Which adjoints a phase has written, while its plans are made.
     written: Vec<bool>,
     pub(super) workers: Vec<Worker<R>>,
-    column: Buffer<R>,
-    arch: Arch,
+    pub(super) column: Buffer<R>,
+    pub(super) arch: Arch,
 }
 
 /// What a pass computes.
@@ -126,6 +123,17 @@ impl<R: Lane> State<R> {
             state.prepare(program, p, Pass::Values);
         }
         state
+    }
+
+    /// Elements of a node of a phase in the arena of a thread.
+    pub fn arena_len(&self, program: &Program, p: usize, id: NodeId) -> usize {
+        let shape = program.nodes[id].shape;
+        shape.channels * self.strides[p] * self.extent.axis(shape.axis)
+    }
+
+    /// Marks what the reverse pass of a phase computes again.
+    pub fn mark_replay(&mut self, program: &Program, p: usize) {
+        mark_replay(program, &program.phases[p], &self.live, &mut self.replay);
     }
 
     /// Elements of a node's whole array.
@@ -276,7 +284,7 @@ impl<R: Lane> State<R> {
                 self.map_adjoint(program, phase.nodes[0]);
                 continue;
             }
-            mark_replay(program, phase, &self.live, &mut self.replay);
+            self.mark_replay(program, p);
             let marks = Marks {
                 live: &self.live,
                 seeded: &self.seeded,
@@ -460,59 +468,6 @@ impl<R: Lane> State<R> {
             }
         }
     }
-
-    /// Applies a linear map to values or tangents.
-    fn map(&mut self, program: &Program, id: NodeId, tangents: bool) {
-        let arrays = if tangents {
-            &mut self.tangents
-        } else {
-            &mut self.values
-        };
-        let node = &program.nodes[id];
-        let Op::Map(map) = &node.op else { return };
-        let input = node.inputs[0];
-        let mut output = std::mem::take(own(&mut arrays[id]));
-        let columns = self.extent.axis(node.shape.axis);
-        let (from, to) = (
-            self.extent.lanes[program.nodes[input].shape.domain] * columns,
-            self.extent.lanes[node.shape.domain] * columns,
-        );
-        let source = arrays[input].as_slice();
-        for c in 0..node.shape.channels {
-            let source = &source[c * from..(c + 1) * from];
-            let target = &mut output.as_mut_slice()[c * to..(c + 1) * to];
-            R::apply_map(map.as_ref(), false, columns, source, target);
-        }
-        arrays[id] = Whole::Owned(output);
-    }
-
-    /// Adds the transpose of a linear map, applied to the adjoint of its result, to the adjoint of its operand.
-    fn map_adjoint(&mut self, program: &Program, id: NodeId) {
-        let node = &program.nodes[id];
-        let input = node.inputs[0];
-        let Op::Map(map) = &node.op else { return };
-        if !self.live[input] || !self.seeded[id] {
-            return;
-        }
-        let columns = self.extent.axis(node.shape.axis);
-        let (from, to) = (
-            self.extent.lanes[program.nodes[input].shape.domain] * columns,
-            self.extent.lanes[node.shape.domain] * columns,
-        );
-        let add = std::mem::replace(&mut self.seeded[input], true);
-        let mut target = std::mem::take(own(&mut self.adjoints[input]));
-        target.ensure(node.shape.channels * from);
-        self.column.grow(from);
-        let column = &mut self.column.as_mut_slice()[..from];
-        let source = self.adjoints[id].as_slice();
-        for c in 0..node.shape.channels {
-            let source = &source[c * to..(c + 1) * to];
-            R::apply_map(map.as_ref(), true, columns, source, column);
-            let target = &mut target.as_mut_slice()[c * from..(c + 1) * from];
-            put(self.arch, target, column, add);
-        }
-        self.adjoints[input] = Whole::Owned(target);
-    }
 }
 
 /// The array as one that can be written to.
@@ -524,53 +479,4 @@ pub(super) fn own<R: Lane>(array: &mut Whole<R>) -> &mut Buffer<R> {
         Whole::Owned(buffer) => buffer,
         Whole::Shared(_) => unreachable!("replaced above"),
     }
-}
-
-/// Lanes of the largest block of a phase.
-pub(super) fn stride(
-    program: &Program,
-    extent: &Extent,
-    phase: &Phase,
-    sizes: &Sizes,
-    spans: &[Span],
-) -> usize {
-    let longest = spans.iter().map(|span| span.lanes.len()).max().unwrap_or(0);
-    // Few values of a phase are wide: they may overflow L1 as long as blocks keep enough lanes.
-    let wide = (WIDE * sizes.block) / widest(program, extent, phase);
-    let wanted = sizes.block.min(wide).min(longest);
-    wanted.next_multiple_of(PARTIALS).max(PARTIALS)
-}
-
-/// Threads to share work among.
-pub(super) fn threads(sizes: &Sizes) -> usize {
-    let available = rayon::current_num_threads();
-    sizes.threads.unwrap_or(available).clamp(1, available)
-}
-
-/// Makes room in an arena for the first `count` locals of a phase.
-fn grow<R: Lane>(
-    arena: &mut Vec<Buffer<R>>,
-    phase: &Phase,
-    count: usize,
-    room: impl Fn(NodeId) -> usize,
-) {
-    if arena.len() < count {
-        arena.resize_with(count, || Buffer::zeros(0));
-    }
-    for (slot, &id) in phase.locals[..count].iter().enumerate() {
-        arena[slot].grow(room(id));
-    }
-}
-
-/// Elements of scratch that a block needs: products of a contraction, or the operands of a dense layer, twice.
-pub(super) fn scratch_len(program: &Program, phase: &Phase, stride: usize, widest: usize) -> usize {
-    let needs = phase.nodes.iter().map(|&id| {
-        let node = &program.nodes[id];
-        match node.op {
-            Op::SegmentDot => stride * widest,
-            Op::Matmul => 2 * stride * program.nodes[node.inputs[0]].shape.channels,
-            _ => 0,
-        }
-    });
-    needs.max().unwrap_or(0)
 }

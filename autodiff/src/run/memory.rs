@@ -1,8 +1,8 @@
 //! How much memory a program will need, before it is allocated.
 
 use super::chunk::{pull_len, sink_len, spans, store_len, widest};
-use super::driver::{scratch_len, stride, threads};
 use super::lookup::row_width;
+use super::room::{scratch_len, stride, threads};
 use super::sizes::{Extent, Sizes};
 use super::tiles::tile_len;
 use crate::buffer::Buffer;

@@ -144,7 +144,7 @@ fn replay<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes) {
     }
 }
 
-fn replay_node<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes, id: NodeId) {
+pub(super) fn replay_node<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes, id: NodeId) {
     let op = &env.program.nodes[id].op;
     if env.replay[id] && !op.is_sink() && !is_constant(op) {
         value(env, worker, lanes, id);
@@ -152,7 +152,7 @@ fn replay_node<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes, id: 
 }
 
 /// Starts the adjoints of a block with what later phases left for its stored nodes.
-fn seed<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes) {
+pub(super) fn seed<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes) {
     let all = env.extent.lanes[env.phase.domain];
     for &id in &env.phase.stores {
         if !env.live[id] || !env.seeded[id] {
