@@ -62,7 +62,8 @@ impl Ba {
         for coordinate in 0..2 {
             let mut cotangent = vec![0.0; 2 * n];
             cotangent[coordinate * n..(coordinate + 1) * n].fill(1.0);
-            self.program.vjp_with(&mut self.ws, &[("residual", &cotangent)])?;
+            self.program
+                .vjp_with(&mut self.ws, &[("residual", &cotangent)])?;
             let camera = self.ws.gradient("camera")?;
             let point = self.ws.gradient("point")?;
             let weight = self.ws.gradient("weight")?;
@@ -87,7 +88,10 @@ impl Ba {
 }
 
 fn bind(ws: &mut Workspace<f64>, input: &Input) -> Result<(), RunError> {
-    ws.set("camera", &channels(&input.seen, |&(c, _)| &input.cameras[c]))?;
+    ws.set(
+        "camera",
+        &channels(&input.seen, |&(c, _)| &input.cameras[c]),
+    )?;
     ws.set("point", &channels(&input.seen, |&(_, p)| &input.points[p]))?;
     ws.set("weight", &input.weights)
 }

@@ -125,7 +125,8 @@ fn record(input: &Input) -> Result<Program, GraphError> {
         None => norm,
     };
     let prior = norm * (0.5 * gamma * gamma) - sum_q.sum() * m;
-    let constant = k as f64 * wishart_constant(d, input.m, gamma) - (n * d) as f64 * 0.5 * (2.0 * PI).ln();
+    let constant =
+        k as f64 * wishart_constant(d, input.m, gamma) - (n * d) as f64 * 0.5 * (2.0 * PI).ln();
     let objective = likelihood - prior + constant;
     g.compile(&[("objective", &objective)])
 }

@@ -33,12 +33,13 @@ fn answer(message: &Value) -> Value {
     let mut response = match message["kind"].as_str() {
         Some("start") => json!({ "tool": "autodiff" }),
         Some("define") => {
-            let known = ["hello", "gmm", "ba"].iter().any(|m| message["module"] == *m);
+            let known = ["hello", "gmm", "ba"]
+                .iter()
+                .any(|m| message["module"] == *m);
             json!({ "success": known })
         }
-        Some("evaluate") => evaluate(message).unwrap_or_else(|error| {
-            json!({ "success": false, "error": error.to_string() })
-        }),
+        Some("evaluate") => evaluate(message)
+            .unwrap_or_else(|error| json!({ "success": false, "error": error.to_string() })),
         _ => json!({}),
     };
     response["id"] = message["id"].clone();
@@ -57,25 +58,35 @@ fn evaluate(message: &Value) -> Result<Value, Failure> {
         }
         ("gmm", "jacobian") => {
             let mut gmm = gmm::Gmm::new(gmm_input(input)?)?;
-            timed(input, || Ok(gmm.gradient()?), |g| {
-                json!({ "alpha": g.alpha, "mu": g.mu, "q": g.q, "l": g.l })
-            })
+            timed(
+                input,
+                || Ok(gmm.gradient()?),
+                |g| json!({ "alpha": g.alpha, "mu": g.mu, "q": g.q, "l": g.l }),
+            )
         }
         ("ba", "objective") => {
             let mut ba = ba::Ba::new(ba_input(input)?)?;
-            timed(input, || Ok(ba.objective()?), |(residual, weight)| {
-                json!({
-                    "reproj_error": { "elements": residual[0], "repeated": residual.len() },
-                    "w_err": { "element": weight[0], "repeated": weight.len() },
-                })
-            })
+            timed(
+                input,
+                || Ok(ba.objective()?),
+                |(residual, weight)| {
+                    json!({
+                        "reproj_error": { "elements": residual[0], "repeated": residual.len() },
+                        "w_err": { "element": weight[0], "repeated": weight.len() },
+                    })
+                },
+            )
         }
         ("ba", "jacobian") => {
             let given = ba_input(input)?;
             let sizes = (given.cameras.len(), given.points.len());
             let seen = given.seen.clone();
             let mut ba = ba::Ba::new(given)?;
-            timed(input, || Ok(ba.jacobian()?), |blocks| sparse(blocks, &seen, sizes))
+            timed(
+                input,
+                || Ok(ba.jacobian()?),
+                |blocks| sparse(blocks, &seen, sizes),
+            )
         }
         (module, function) => Err(format!("`{function}` of `{module}` is not known").into()),
     }
@@ -88,7 +99,10 @@ fn timed<T>(
     show: impl Fn(&T) -> Value,
 ) -> Result<Value, Failure> {
     let number = |name: &str, otherwise: f64| input[name].as_f64().unwrap_or(otherwise);
-    let (runs, seconds) = (number("min_runs", number("runs", 1.0)), number("min_seconds", 0.0));
+    let (runs, seconds) = (
+        number("min_runs", number("runs", 1.0)),
+        number("min_seconds", 0.0),
+    );
     let (mut timings, mut spent) = (Vec::new(), 0.0);
     loop {
         let start = Instant::now();
@@ -184,8 +198,11 @@ fn vector(input: &Value, name: &str) -> Result<Vec<f64>, Failure> {
 }
 
 fn matrix(input: &Value, name: &str) -> Result<Vec<Vec<f64>>, Failure> {
-    let rows = input[name].as_array().map(|rows| rows.iter().map(numbers).collect());
-    rows.flatten().ok_or_else(|| format!("`{name}` must be an array of rows").into())
+    let rows = input[name]
+        .as_array()
+        .map(|rows| rows.iter().map(numbers).collect());
+    rows.flatten()
+        .ok_or_else(|| format!("`{name}` must be an array of rows").into())
 }
 
 fn numbers(value: &Value) -> Option<Vec<f64>> {

@@ -6,7 +6,6 @@ use std::sync::{Arc, Mutex, PoisonError};
 use pulp::Arch;
 use rayon::prelude::*;
 
-use super::assemble::Layout;
 use super::block::{Env, Place, Whole, Worker, places};
 use super::chunk::{Chunk, ensure, pull_len, sink_len, spans, store_len, widest};
 use super::lane::Lane;
@@ -19,7 +18,7 @@ use super::sizes::{Extent, Sizes};
 use super::tiles::tile_len;
 use crate::buffer::Buffer;
 use crate::graph::{NodeId, Op};
-use crate::program::{Body, Phase, Program, PullKind};
+use crate::program::{Body, Program};
 
 /// All that a run changes, for one scalar type.
 pub(super) struct State<R> {
@@ -415,57 +414,6 @@ impl<R: Lane> State<R> {
             seeded: &self.seeded,
             replay: &self.replay,
             plans: &self.plans[p],
-        }
-    }
-
-    /// Copies what chunks stored and accumulated to whole arrays.
-    fn assemble_values(&mut self, program: &Program, p: usize, tangents: bool) {
-        let phase = &program.phases[p];
-        let (extent, arch) = (&self.extent, self.arch);
-        let chunks = &mut self.chunks[p];
-        for (i, &id) in phase.stores.iter().enumerate() {
-            let layout = Layout::new(program, extent, id, PullKind::Lanes);
-            let target = own(&mut self.values[id]).as_mut_slice();
-            layout.assemble(arch, chunks, |chunk| &chunk.store[i], target, false);
-            if tangents && self.moving[id] {
-                let target = own(&mut self.tangents[id]).as_mut_slice();
-                layout.assemble(arch, chunks, |chunk| &chunk.store_tangent[i], target, false);
-            }
-        }
-        for (i, &id) in phase.sinks.iter().enumerate() {
-            let kind = match program.nodes[id].op {
-                Op::SumLanes => PullKind::Uniform,
-                _ => PullKind::Parents,
-            };
-            let layout = Layout::new(program, extent, id, kind);
-            let target = own(&mut self.values[id]).as_mut_slice();
-            layout.assemble(arch, chunks, |chunk| &chunk.sink[i], target, false);
-            if tangents && self.moving[id] {
-                let target = own(&mut self.tangents[id]).as_mut_slice();
-                layout.assemble(arch, chunks, |chunk| &chunk.sink_tangent[i], target, false);
-            }
-        }
-    }
-
-    /// Adds what chunks accumulated to the whole adjoints.
-    fn assemble_adjoints(&mut self, program: &Program, p: usize) {
-        for (i, pull) in program.phases[p].pulls.iter().enumerate() {
-            let id = pull.target;
-            if !self.live[id] {
-                continue;
-            }
-            let len = self.len(id);
-            let add = std::mem::replace(&mut self.seeded[id], true);
-            let target = own(&mut self.adjoints[id]);
-            target.ensure(len);
-            let layout = Layout::new(program, &self.extent, id, pull.kind);
-            let chunks = &mut self.chunks[p];
-            let target = target.as_mut_slice();
-            if pull.kind == PullKind::Table {
-                layout.assemble_table(self.arch, chunks, i, target, add);
-            } else {
-                layout.assemble(self.arch, chunks, |chunk| &chunk.pull[i], target, add);
-            }
         }
     }
 }

@@ -13,6 +13,7 @@ mod explain;
 mod gradcheck;
 mod hessian;
 mod inspect;
+mod interpolation;
 mod lane;
 mod linear;
 mod lookup;
