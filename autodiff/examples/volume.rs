@@ -59,11 +59,7 @@ fn sample(
     which: &str,
     random: &mut Random,
 ) -> Result<(), autodiff::RunError> {
-    let n = VIEWS * RAYS * SAMPLES;
-    let (mut corners, mut weights) = (
-        vec![Vec::with_capacity(n); 4],
-        vec![Vec::with_capacity(n); 4],
-    );
+    let (mut corners, mut weights) = (vec![Vec::new(); 4], vec![Vec::new(); 4]);
     for ray in 0..VIEWS * RAYS {
         for s in 0..SAMPLES {
             let (x, y) = point(ray, 2.0 * (s as f32 + random.next()) / SAMPLES as f32 - 1.0);

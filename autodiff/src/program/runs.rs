@@ -29,6 +29,8 @@ pub(crate) struct Run {
     pub lookups: Vec<(NodeId, usize)>,
     /// Sums over lanes of results, likewise.
     pub sinks: Vec<NodeId>,
+    /// Who else in the phase uses each of `nodes`.
+    users: Vec<Vec<NodeId>>,
     axis: Option<usize>,
 }
 
@@ -41,6 +43,7 @@ impl Run {
             owners: Vec::new(),
             lookups: Vec::new(),
             sinks: Vec::new(),
+            users: Vec::new(),
             axis,
         }
     }
@@ -48,6 +51,12 @@ impl Run {
     /// The row of a channel of a node that the run computes.
     pub fn row(&self, id: NodeId, channel: usize) -> Option<usize> {
         Some(self.externals.len() + self.own((id, channel))?)
+    }
+
+    /// The nodes of the phase, outside of the run, that use a node of the run.
+    pub fn users(&self, id: NodeId) -> &[NodeId] {
+        let at = self.nodes.iter().position(|&node| node == id);
+        at.map_or(&[], |at| &self.users[at])
     }
 
     /// Rows of values.
@@ -166,6 +175,17 @@ pub(super) fn group(
         run.close(nodes);
     }
     absorb(nodes, whole, &mut steps, &mut runs);
+    let mut users = vec![Vec::new(); nodes.len()];
+    for &id in members.iter() {
+        for &input in &nodes[id].inputs {
+            users[input].push(id);
+        }
+    }
+    for run in &mut runs {
+        let outside = |user: &NodeId| !run.nodes.contains(user) && !run.sinks.contains(user);
+        let of = |&id: &NodeId| users[id].iter().copied().filter(outside).collect();
+        run.users = run.nodes.iter().map(of).collect();
+    }
     (steps, runs)
 }
 

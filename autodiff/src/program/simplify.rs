@@ -17,6 +17,8 @@
 //!
 //! Only operands that nothing else uses, and that carry no label, disappear into another operation.
 
+use std::collections::BTreeMap;
+
 use crate::graph::{Node, NodeId, Op};
 use crate::op::Element;
 
@@ -25,6 +27,7 @@ type Outputs = Vec<(String, NodeId)>;
 /// Applies all rules.
 pub(super) fn simplify(mut nodes: Vec<Node>, mut outputs: Outputs) -> (Vec<Node>, Outputs) {
     let mut stands_for: Vec<NodeId> = (0..nodes.len()).collect();
+    let mut seen: BTreeMap<Vec<NodeId>, Vec<NodeId>> = BTreeMap::new();
     for id in 0..nodes.len() {
         let mut inputs = std::mem::take(&mut nodes[id].inputs);
         inputs.iter_mut().for_each(|i| *i = stands_for[*i]);
@@ -33,7 +36,7 @@ pub(super) fn simplify(mut nodes: Vec<Node>, mut outputs: Outputs) -> (Vec<Node>
             continue;
         }
         rewrite(&mut nodes, id);
-        let same = identity(&nodes, id).or_else(|| repeated(&nodes, id));
+        let same = identity(&nodes, id).or_else(|| repeated(&nodes, &mut seen, id));
         stands_for[id] = same.unwrap_or(id);
     }
     for output in &mut outputs {
@@ -102,22 +105,29 @@ fn identity(nodes: &[Node], id: NodeId) -> Option<NodeId> {
     }
 }
 
-/// An earlier node that does the same.
-fn repeated(nodes: &[Node], id: NodeId) -> Option<NodeId> {
+/// An earlier node that does the same; `seen` lists nodes by their operands.
+fn repeated(
+    nodes: &[Node],
+    seen: &mut BTreeMap<Vec<NodeId>, Vec<NodeId>>,
+    id: NodeId,
+) -> Option<NodeId> {
     let node = &nodes[id];
+    if node.inputs.is_empty() {
+        return None;
+    }
     let same_op = |other: &Op| match (&node.op, other) {
         (Op::Element(a), Op::Element(b)) => a == b,
         (Op::Channel(a), Op::Channel(b)) => a == b,
         (Op::SumChannels, Op::SumChannels) | (Op::Detach, Op::Detach) => true,
         (a, b) => a.same_lookup(b),
     };
-    nodes[..id].iter().position(|other| {
-        other.inputs == node.inputs
-            && !node.inputs.is_empty()
-            && other.shape == node.shape
-            && other.label.is_none()
-            && same_op(&other.op)
-    })
+    let known = seen.entry(node.inputs.clone()).or_default();
+    let same = |&&other: &&NodeId| nodes[other].shape == node.shape && same_op(&nodes[other].op);
+    let found = known.iter().find(same).copied();
+    if found.is_none() {
+        known.push(id);
+    }
+    found
 }
 
 /// Rules that look at a node and its operands, whoever else uses them.

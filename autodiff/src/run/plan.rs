@@ -83,13 +83,7 @@ pub(super) struct Marks<'a> {
 pub(super) fn forward_plans(program: &Program, phase: &Phase, places: &[Place]) -> Vec<Plan> {
     let plan = |run: &Run| {
         let mut plan = Plan::default();
-        let leaves = |id: NodeId| {
-            let outside = |&user: &NodeId| {
-                let known = run.nodes.contains(&user) || run.sinks.contains(&user);
-                !known && program.nodes[user].inputs.contains(&id)
-            };
-            phase.stores.contains(&id) || phase.nodes.iter().any(outside)
-        };
+        let leaves = |id: NodeId| phase.stores.contains(&id) || !run.users(id).is_empty();
         let mut needed = Vec::new();
         let summed = run.sinks.iter().map(|&sink| program.nodes[sink].inputs[0]);
         let summed: Vec<NodeId> = summed.collect();
@@ -144,10 +138,8 @@ pub(super) fn reverse_plans(
 ) {
     for (run, plan) in phase.runs.iter().zip(plans.iter_mut()) {
         let outside = |id: NodeId| {
-            phase.nodes.iter().any(|&user| {
-                !run.nodes.contains(&user)
-                    && reads_value(program, user, id, marks.live, marks.replay)
-            })
+            let mut users = run.users(id).iter();
+            users.any(|&user| reads_value(program, user, id, marks.live, marks.replay))
         };
         let Plan {
             replay, adjoints, ..

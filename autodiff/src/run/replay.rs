@@ -70,7 +70,13 @@ pub(super) fn reads_value(
     let mut operands = node.inputs.iter().enumerate();
     match &node.op {
         Op::Element(_) | Op::Custom(_) => Function::of(node).is_some_and(|function| {
-            let read = |i: usize| live[node.inputs[i]].then(|| function.reads(i)).unwrap_or(0);
+            let read = |i: usize| {
+                if live[node.inputs[i]] {
+                    function.reads(i)
+                } else {
+                    0
+                }
+            };
             let all = (0..node.inputs.len()).fold(0, |all, i| all | read(i));
             operands.any(|(j, &other)| other == input && all & (1 << j) != 0)
         }),

@@ -232,11 +232,11 @@ impl<'a> Parts<'a> {
     fn advance(&mut self, len: usize) {
         self.pieces.advance(len);
         self.count = 0;
-        while let Some(Piece {
+        for Piece {
             parent,
             lanes,
             segment,
-        }) = self.pieces.next()
+        } in self.pieces.by_ref()
         {
             self.found[self.count] = Part {
                 parent,
