@@ -49,10 +49,9 @@ impl Program {
         for (id, node) in self.nodes.iter().enumerate() {
             if self.whole[id] {
                 memory.values += whole(id);
-                if node.active {
-                    memory.adjoints += whole(id);
-                }
+                // Outputs are seeded whether or not a gradient can flow through them.
                 if node.active || self.outputs.iter().any(|output| output.1 == id) {
+                    memory.adjoints += whole(id);
                     memory.tangents += whole(id);
                 }
             }
