@@ -47,10 +47,22 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
+//! # Guides
+//! - [`guide::detaching`]: what to detach, and the bias if you do not, measured.
+//! - [`guide::migration`]: idioms of Dr.Jit, JAX and PyTorch.
+//! - The examples make pictures: a soft shadow, photometric stereo, a Monte Carlo volume.
+//!
+//! # How it runs
+//! A graph is simplified, cut into phases where a value must be known for all lanes before the next can be computed, and each
+//! phase runs over blocks of lanes on all threads; elementwise operations, expansions, gathers and sums run tile by tile within
+//! a block, so that what they hand to each other stays in L1. Vector instructions are chosen when the program runs: AVX-512 or
+//! AVX2 where there are any, whatever the compiler was told.
+//!
 //! # Singularities and kinks
 //! A derivative of exactly 0 contributes exactly 0, whatever it is multiplied with, in both directions: the branch of a
 //! [`Mask::select`] that is not taken contributes nothing, even if it holds a NaN. What is not masked is not clamped either;
-//! [`Program::find_non_finite`] tells where a NaN or an infinity first appeared.
+//! [`Program::find_non_finite`] tells where a NaN or an infinity first appeared, and [`Program::find_singularities`] (strict
+//! mode) where a partial derivative was infinite, masked or not.
 //!
 //! | operation | value | derivative |
 //! | --- | --- | --- |
@@ -74,6 +86,7 @@ mod custom;
 mod dual;
 mod error;
 mod graph;
+pub mod guide;
 mod linear_map;
 mod math;
 mod op;
@@ -91,4 +104,7 @@ pub use graph::{
 pub use linear_map::LinearMap;
 pub use program::Program;
 pub use real::{Fma, Real, Scalar};
-pub use run::{Memory, NonFinite, Sizes, Workspace};
+pub use run::{
+    Explanation, GradCheck, GradReport, Memory, NodeCost, NonFinite, ParamCheck, Singularity,
+    Sizes, Workspace,
+};

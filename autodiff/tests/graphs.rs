@@ -12,6 +12,10 @@ type Step = (u8, usize, usize);
 
 /// A graph of random steps over three domains and an axis, on values kept near 1 so that nothing overflows.
 fn record(steps: &[Step]) -> Program {
+    record_with(steps, true)
+}
+
+fn record_with(steps: &[Step], simplify: bool) -> Program {
     let g = Graph::new();
     let (pixel, texel) = (g.domain("pixels"), g.domain("texels"));
     let sample = g.segments("samples", &pixel);
@@ -37,7 +41,7 @@ fn record(steps: &[Step]) -> Program {
         let compatible = |u: &Var, v: &Var| {
             u.channels() == v.channels() || u.channels() == 1 || v.channels() == 1
         };
-        match kind % 14 {
+        match kind % 20 {
             0 => samples.push(p.expand(&sample)),
             1 => samples.push(x.gather(&index[b % 2])),
             2 => samples
@@ -49,13 +53,23 @@ fn record(steps: &[Step]) -> Program {
             4 => pixels.push(settle(s.segment_mean())),
             5 if compatible(s, t) => pixels.push(settle(s.segment_dot(t) * 0.1)),
             6 if compatible(s, t) => samples.push(settle(s * t)),
-            7 if compatible(s, t) => samples.push(s.square().mul_add(t, &(&scale * 0.3))),
+            7 if compatible(s, t) => samples.push(settle(s.square().mul_add(t, &(&scale * 0.3)))),
             8 if compatible(s, t) => samples.push(visible.select(&settle(s + t), s)),
             9 if compatible(p, q) => pixels.push(settle(p / (q.square() + 1.0))),
             10 => pixels.push(p.sum_axis().sum_channels().sigmoid() * &scale),
             11 => texels.push(settle(x.exp() * &scale + p.sum() * 0.01)),
             12 => samples.push(Var::stack(&[s, &t.channel(0)]).normalize()),
-            _ => samples.push(settle(s.segment_sum() * 0.1).expand(&sample)),
+            13 => samples.push(settle(s.segment_sum() * 0.1).expand(&sample)),
+            // What is simplified.
+            14 if compatible(s, t) => samples.push(settle(s.square() - t * s)),
+            15 if compatible(s, t) => samples.push(settle(settle(s * t - s.channel(0)) - s * t)),
+            16 => pixels.push(settle(
+                (p + p) * (q.channel(0).square() + 1.0).sqrt().recip(),
+            )),
+            17 => samples
+                .push(settle(-(s * s * 2.0 + 1.0) + 0.5) * (1.0 / (t.channel(0).square() + 2.0))),
+            18 => pixels.push(settle(p * p.channel(0) + 3.0)),
+            _ => samples.push(visible.select(s, s) + weight.detach().detach() * 1.0),
         }
     }
     let last = |values: &[Var]| {
@@ -64,8 +78,12 @@ fn record(steps: &[Step]) -> Program {
     };
     let loss = last(&pixels) + last(&samples) + last(&texels);
     let residual = pixels[pixels.len() - 1].clone();
-    g.compile(&[("loss", &loss), ("residual", &residual)])
-        .unwrap()
+    let outputs = [("loss", &loss), ("residual", &residual)];
+    let program = match simplify {
+        true => g.compile(&outputs),
+        false => g.compile_as_recorded(&outputs),
+    };
+    program.unwrap()
 }
 
 /// Lanes of every pixel, and numbers to fill arrays with.
@@ -126,19 +144,22 @@ impl Data {
             .collect()
     }
 
-    fn workspace<S: Scalar>(&self, program: &Program, block: usize) -> Workspace<S> {
+    fn sizes(&self, block: usize) -> Sizes {
         let mut offsets = vec![0];
         for count in &self.counts {
             offsets.push(offsets[offsets.len() - 1] + count);
         }
-        let n = offsets[self.counts.len()] as usize;
-        let sizes = Sizes::new()
+        Sizes::new()
             .lanes("pixels", self.counts.len())
             .lanes("texels", TEXELS)
             .offsets("samples", offsets)
             .axis("frames", self.frames)
-            .block(block);
-        let mut ws = program.workspace::<S>(&sizes).unwrap();
+            .block(block)
+    }
+
+    fn workspace<S: Scalar>(&self, program: &Program, block: usize) -> Workspace<S> {
+        let n = self.counts.iter().sum::<u32>() as usize;
+        let mut ws = program.workspace::<S>(&self.sizes(block)).unwrap();
         let index = |array| -> Vec<u32> {
             (0..n)
                 .map(|i| (self.number(array, i) * TEXELS as f64) as u32)
@@ -206,6 +227,25 @@ proptest! {
     }
 
     #[test]
+    fn simplification_changes_nothing_but_rounding(steps in steps(), data in data()) {
+        let results = [true, false].map(|simplify| {
+            let program = record_with(&steps, simplify);
+            let mut ws = data.workspace::<f64>(&program, 256);
+            program.jvp(&mut ws, &named(&data.direction::<f64>())).unwrap();
+            program.vjp(&mut ws, "loss").unwrap();
+            let mut all = vec![ws.output("loss").unwrap().to_vec(), ws.tangent("loss").unwrap().to_vec()];
+            all.extend(PARAMS.iter().map(|p| ws.gradient(p).unwrap().to_vec()));
+            all
+        });
+        for (on, off) in results[0].iter().zip(&results[1]) {
+            let norm = off.iter().fold(1.0f64, |norm, x| norm.max(x.abs()));
+            for (a, b) in on.iter().zip(off) {
+                prop_assert!((a - b).abs() <= 1e-9 * norm, "{a} simplified, {b} as recorded");
+            }
+        }
+    }
+
+    #[test]
     fn tangents_match_central_differences(steps in steps(), data in data()) {
         let program = record(&steps);
         let mut ws = data.workspace::<f64>(&program, 512);
@@ -224,6 +264,101 @@ proptest! {
         let difference = (8.0 * (at(h) - at(-h)) - (at(2.0 * h) - at(-2.0 * h))) / (12.0 * h);
         let scale = tangent.abs().max(at(0.0).abs()).max(1.0);
         prop_assert!((difference - tangent).abs() <= 1e-6 * scale, "{difference} by differences, {tangent}");
+    }
+
+    #[test]
+    fn reverse_is_linear_in_its_cotangent(steps in steps(), data in data()) {
+        let program = record(&steps);
+        let mut ws = data.workspace::<f64>(&program, 128);
+        program.forward(&mut ws).unwrap();
+        let n = ws.output("residual").unwrap().len();
+        let (u, v) = (data.array::<f64>(31, n, -0.5), data.array::<f64>(32, n, -0.5));
+        let both: Vec<f64> = u.iter().zip(&v).map(|(u, v)| 2.0 * u - 3.0 * v).collect();
+        let mut pull = |w: &[f64]| -> Vec<f64> {
+            program.vjp_with(&mut ws, &[("residual", w)]).unwrap();
+            PARAMS.iter().flat_map(|p| ws.gradient(p).unwrap().to_vec()).collect()
+        };
+        let (of_u, of_v, of_both) = (pull(&u), pull(&v), pull(&both));
+        let norm = of_u.iter().chain(&of_v).fold(1e-300f64, |norm, x| norm.max(x.abs()));
+        for ((u, v), both) in of_u.iter().zip(&of_v).zip(&of_both) {
+            prop_assert!((2.0 * u - 3.0 * v - both).abs() <= 1e-11 * norm);
+        }
+    }
+
+    #[test]
+    fn hessian_products_are_symmetric_and_match_differences(steps in steps(), data in data()) {
+        let program = record(&steps);
+        let mut ws = data.workspace::<f64>(&program, 64);
+        let (params, v) = (data.params::<f64>(), data.direction::<f64>());
+        let lens = data.lens().into_iter().enumerate();
+        let u: Vec<Vec<f64>> = lens.map(|(k, n)| data.array(40 + k as u64, n, -0.5)).collect();
+        let mut product = |v: &[Vec<f64>]| -> Vec<Vec<f64>> {
+            program.hvp(&mut ws, "loss", &named(v)).unwrap();
+            PARAMS.iter().map(|p| ws.hessian_product(p).unwrap().to_vec()).collect()
+        };
+        let (hu, hv) = (product(&u), product(&v));
+        let inner = |a: &[Vec<f64>], b: &[Vec<f64>]| -> (f64, f64) {
+            let terms = a.iter().flatten().zip(b.iter().flatten()).map(|(x, y)| x * y);
+            terms.fold((0.0, 1.0), |(sum, size), x| (sum + x, size + x.abs()))
+        };
+        let ((uhv, size), (vhu, other)) = (inner(&u, &hv), inner(&v, &hu));
+        let size = size.max(other);
+        prop_assert!((uhv - vhu).abs() <= 1e-10 * size, "{uhv} and {vhu}");
+
+        let mut slope = |step: f64| -> f64 {
+            for ((name, x), v) in PARAMS.iter().zip(&params).zip(&v) {
+                let moved: Vec<f64> = x.iter().zip(v).map(|(x, v)| x + step * v).collect();
+                ws.set(name, &moved).unwrap();
+            }
+            program.vjp(&mut ws, "loss").unwrap();
+            PARAMS.iter().zip(&u).map(|(p, u)| dot(ws.gradient(p).unwrap(), u)).sum()
+        };
+        let h = 1e-4;
+        let sides = [slope(h), slope(-h), slope(2.0 * h), slope(-2.0 * h)];
+        let difference = (8.0 * (sides[0] - sides[1]) - (sides[2] - sides[3])) / (12.0 * h);
+        let size = size.max(sides[0].abs());
+        prop_assert!((difference - uhv).abs() <= 1e-5 * size, "{difference} by differences, {uhv}");
+    }
+
+    #[test]
+    fn single_precision_is_close_to_double(steps in steps(), data in data()) {
+        let program = record(&steps);
+        let (mut single, mut double) = (data.workspace::<f32>(&program, 256), data.workspace::<f64>(&program, 256));
+        program.vjp(&mut single, "loss").unwrap();
+        program.vjp(&mut double, "loss").unwrap();
+        let (a, b) = (single.output("loss").unwrap()[0] as f64, double.output("loss").unwrap()[0]);
+        prop_assert!((a - b).abs() <= 1e-3 * b.abs().max(1.0), "{a} in single, {b} in double precision");
+        for name in PARAMS {
+            let (a, b) = (single.gradient(name).unwrap(), double.gradient(name).unwrap());
+            let norm = b.iter().fold(1.0f64, |norm, x| norm.max(x.abs()));
+            for (a, b) in a.iter().zip(b) {
+                prop_assert!((*a as f64 - b).abs() <= 2e-2 * norm, "{name}: {a} in single, {b} in double precision");
+            }
+        }
+    }
+
+    #[test]
+    fn memory_is_within_its_prediction_and_later_runs_allocate_nothing(steps in steps(), data in data()) {
+        let program = record(&steps);
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        pool.install(|| {
+            let mut ws = data.workspace::<f32>(&program, 256);
+            let direction = data.direction::<f32>();
+            let direction = named(&direction);
+            let mut run = || {
+                program.gauss_newton(&mut ws, "residual", &direction, None).unwrap();
+                program.vjp(&mut ws, "loss").unwrap();
+                ws.bytes()
+            };
+            let held = run();
+            let predicted = program.memory::<f32>(&data.sizes(256)).unwrap().total();
+            prop_assert!(held <= predicted, "{held} bytes held, {predicted} predicted");
+            let steady = allocation_counter::measure(|| {
+                run();
+            });
+            prop_assert_eq!(steady.count_total, 0);
+            Ok(())
+        })?;
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use autodiff::{Graph, Sizes};
 
-use crate::{best, numbers};
+use super::timing::{best, numbers};
 
 const POINTS: usize = 200;
 const LANES: usize = 1_500;

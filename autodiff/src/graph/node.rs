@@ -47,6 +47,8 @@ pub(crate) enum Op {
     SumChannels,
     /// Sum over the inner axis.
     SumAxis,
+    /// The largest element along the inner axis, without gradient.
+    MaxAxis,
     /// The uniform operand in every lane.
     Splat,
     /// The operand repeated along an inner axis.
@@ -88,6 +90,7 @@ impl Op {
             Op::Stack => "stack",
             Op::SumChannels => "sum_channels",
             Op::SumAxis => "sum_axis",
+            Op::MaxAxis => "max_axis",
             Op::Splat => "splat",
             Op::Repeat => "repeat",
             Op::Expand => "expand",

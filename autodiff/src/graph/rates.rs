@@ -3,7 +3,7 @@
 use std::panic::Location;
 use std::sync::Arc;
 
-use super::array::{Array, Join, Kind};
+use super::array::{Array, Detached, Fixed, Join, Kind};
 use super::handles::{Domain, Index};
 use super::node::{Op, Shape, UNIFORM};
 use crate::error::GraphError;
@@ -93,6 +93,28 @@ impl<A: Kind> Array<A> {
             ..shape
         };
         self.derive(Op::SumAxis, shape, Location::caller())
+    }
+
+    /// The largest element along the inner axis, detached: a shift that keeps exponentials from overflowing.
+    ///
+    /// `ln(sum exp(x))` is `ln(sum exp(x - m)) + m` for any `m`, and so is its derivative: [`Array::log_sum_exp`].
+    #[track_caller]
+    pub fn max_axis(&self) -> Detached {
+        let shape = Shape {
+            axis: None,
+            ..self.shape()
+        };
+        self.derive(Op::MaxAxis, shape, Location::caller())
+    }
+
+    /// `ln(sum exp(x))` along the inner axis, without overflow.
+    #[track_caller]
+    pub fn log_sum_exp(&self) -> Array<A>
+    where
+        A: Join<Fixed, Out = A>,
+    {
+        let shift = self.max_axis();
+        (self - &shift).exp().sum_axis().ln() + &shift
     }
 
     /// Sum of everything: axis, channels and lanes; a single number.

@@ -53,13 +53,34 @@ impl Graph {
         }
     }
 
-    /// Compiles the named outputs, and what they need, into a program.
+    /// Compiles the named outputs, and what they need, into a program. Formulas are rewritten where that saves work: products
+    /// and sums join into one rounding, repeated subexpressions are computed once. What carries a label stays as it is.
     ///
     /// # Errors
     /// The first mistake made while recording.
     pub fn compile<T: AsRef<Array<M>>, M>(
         &self,
         outputs: &[(&str, T)],
+    ) -> Result<Program, GraphError> {
+        self.compile_as(outputs, true)
+    }
+
+    /// [`Graph::compile`] without rewriting formulas: every operation runs as recorded, so that results differ from those of
+    /// [`Graph::compile`] by rounding alone. For debugging, and to check the rewriting.
+    ///
+    /// # Errors
+    /// As [`Graph::compile`].
+    pub fn compile_as_recorded<T: AsRef<Array<M>>, M>(
+        &self,
+        outputs: &[(&str, T)],
+    ) -> Result<Program, GraphError> {
+        self.compile_as(outputs, false)
+    }
+
+    fn compile_as<T: AsRef<Array<M>>, M>(
+        &self,
+        outputs: &[(&str, T)],
+        simplify: bool,
     ) -> Result<Program, GraphError> {
         let mut names = Vec::new();
         for (name, value) in outputs {
@@ -75,7 +96,7 @@ impl Graph {
         let recording = self.recording.borrow();
         match &recording.error {
             Some(error) => Err(error.clone()),
-            None => Ok(Program::new(&recording, names)),
+            None => Ok(Program::new(&recording, names, simplify)),
         }
     }
 
@@ -90,7 +111,7 @@ impl Graph {
         let mut recording = self.recording.borrow_mut();
         let active = match op {
             Op::Param => true,
-            Op::Detach => false,
+            Op::Detach | Op::MaxAxis => false,
             _ => inputs.iter().any(|&i| recording.nodes[i].active),
         };
         recording.nodes.push(Node {

@@ -109,6 +109,73 @@ impl Primitive<3> for MulAdd {
     }
 }
 
+/// `c - a * b`
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct NegMulAdd;
+
+impl Primitive<3> for NegMulAdd {
+    fn reads(self, i: usize) -> u8 {
+        [0b10, 0b01, 0][i]
+    }
+    #[inline(always)]
+    fn eval<R: Real, F: Fma>(self, [a, b, c]: [R; 3]) -> R {
+        (-a).mul_add::<F>(b, c)
+    }
+    #[inline(always)]
+    fn partial<R: Real, F: Fma, const I: usize>(self, [a, b, _]: [R; 3], _: R) -> R {
+        match I {
+            0 => -b,
+            1 => -a,
+            _ => R::from_f64(1.0),
+        }
+    }
+}
+
+/// `a * b - c`
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct MulSub;
+
+impl Primitive<3> for MulSub {
+    fn reads(self, i: usize) -> u8 {
+        [0b10, 0b01, 0][i]
+    }
+    #[inline(always)]
+    fn eval<R: Real, F: Fma>(self, [a, b, c]: [R; 3]) -> R {
+        a.mul_add::<F>(b, -c)
+    }
+    #[inline(always)]
+    fn partial<R: Real, F: Fma, const I: usize>(self, [a, b, _]: [R; 3], _: R) -> R {
+        match I {
+            0 => b,
+            1 => a,
+            _ => R::from_f64(-1.0),
+        }
+    }
+}
+
+/// `a * b + offset` with a constant.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Product {
+    pub offset: f64,
+}
+
+impl Primitive<2> for Product {
+    fn reads(self, i: usize) -> u8 {
+        [0b10, 0b01][i]
+    }
+    #[inline(always)]
+    fn eval<R: Real, F: Fma>(self, [a, b]: [R; 2]) -> R {
+        a.mul_add::<F>(b, R::from_f64(self.offset))
+    }
+    #[inline(always)]
+    fn partial<R: Real, F: Fma, const I: usize>(self, [a, b]: [R; 2], _: R) -> R {
+        match I {
+            0 => b,
+            _ => a,
+        }
+    }
+}
+
 /// `-a`
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Neg;

@@ -3,14 +3,16 @@
 use pulp::Arch;
 
 use super::Primitive;
-use super::arithmetic::{Add, Affine, Div, Fifth, Mul, MulAdd, Neg, Recip, Square, Sub};
+use super::arithmetic::{
+    Add, Affine, Div, Fifth, Mul, MulAdd, MulSub, Neg, NegMulAdd, Product, Recip, Square, Sub,
+};
 use super::kernel::{evaluate, pass};
 use super::smooth::{Acos, Atan2, Cos, Exp, Ln, Pow, Rsqrt, Sigmoid, Sin, Softplus, Sqrt};
 use super::switch::{Abs, Clamp, Less, LessEqual, Max, Min, Relu, Select};
 use crate::real::Real;
 
 /// An elementwise primitive.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Element {
     Neg,
     Recip,
@@ -38,7 +40,10 @@ pub(crate) enum Element {
     Less,
     LessEqual,
     MulAdd,
+    NegMulAdd,
+    MulSub,
     Select,
+    Product { offset: f64 },
     Affine { scale: f64, offset: f64 },
     Clamp { low: f64, high: f64 },
 }
@@ -49,7 +54,7 @@ macro_rules! with_primitive {
         with_primitive!(@ $element, $p, $n, $body,
             1 [Neg Recip Square Fifth Sqrt Rsqrt Exp Ln Sin Cos Acos Sigmoid Softplus Abs Relu]
             2 [Add Sub Mul Div Atan2 Pow Min Max Less LessEqual]
-            3 [MulAdd Select])
+            3 [MulAdd NegMulAdd MulSub Select])
     };
     (@ $element:expr, $p:ident, $n:ident, $body:expr, $($arity:literal [$($name:ident)*])*) => {
         match $element {
@@ -63,6 +68,11 @@ macro_rules! with_primitive {
                 const $n: usize = 1;
                 $body
             }
+            Element::Product { offset } => {
+                let $p = Product { offset };
+                const $n: usize = 2;
+                $body
+            }
             Element::Clamp { low, high } => {
                 let $p = Clamp { low, high };
                 const $n: usize = 1;
@@ -72,7 +82,17 @@ macro_rules! with_primitive {
     };
 }
 
+pub(super) use with_primitive;
+
 impl Element {
+    /// How many operands it has.
+    pub fn arity(self) -> usize {
+        with_primitive!(self, |p, N| {
+            let _ = p;
+            N
+        })
+    }
+
     /// What the partial derivative with respect to operand `i` reads.
     pub fn reads(self, i: usize) -> u8 {
         with_primitive!(self, |p, _N| p.reads(i))
@@ -136,6 +156,9 @@ impl Element {
             Element::Less => "lt",
             Element::LessEqual => "le",
             Element::MulAdd => "mul_add",
+            Element::NegMulAdd => "neg_mul_add",
+            Element::MulSub => "mul_sub",
+            Element::Product { .. } => "product",
             Element::Select => "select",
         }
     }

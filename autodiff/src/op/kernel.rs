@@ -90,7 +90,7 @@ fn three<R, const N: usize>(x: [&[R]; N]) -> [&[R]; 3] {
 
 /// The first `N` of three operands.
 #[inline(always)]
-fn operands<R: Real, const N: usize>(x0: R, x1: R, x2: R) -> [R; N] {
+pub(super) fn operands<R: Real, const N: usize>(x0: R, x1: R, x2: R) -> [R; N] {
     let mut x = [x0; N];
     if N > 1 {
         x[1] = x1;
@@ -191,7 +191,7 @@ fn pass_loop<R: Real, F: Fma, P: Primitive<N>, const N: usize, const I: usize>(
 /// One contribution to a derivative. A function and not a closure: a closure that is called in two places is not inlined, and
 /// then compiled without the instruction set of its loop.
 #[inline(always)]
-fn term<R: Real, F: Fma, P: Primitive<N>, const N: usize, const I: usize>(
+pub(super) fn term<R: Real, F: Fma, P: Primitive<N>, const N: usize, const I: usize>(
     primitive: P,
     x: [R; N],
     y: R,

@@ -8,6 +8,7 @@ mod element;
 pub(crate) mod kernel;
 mod smooth;
 mod switch;
+pub(crate) mod tile;
 
 pub(crate) use element::Element;
 

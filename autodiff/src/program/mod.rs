@@ -1,11 +1,14 @@
 //! The compiled program: an immutable schedule of phases, shared between threads and workspaces.
 
 mod phase;
+mod runs;
 mod schedule;
+mod simplify;
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
 pub(crate) use phase::{Body, NONE, Phase, PullKind};
+pub(crate) use runs::{LIMIT, Run, Step};
 
 use crate::graph::{DomainInfo, IndexInfo, Node, NodeId, Op, Recording, Shape};
 
@@ -31,9 +34,17 @@ pub struct Program {
 }
 
 impl Program {
-    pub(crate) fn new(recording: &Recording, outputs: Vec<(String, NodeId)>) -> Program {
+    pub(crate) fn new(
+        recording: &Recording,
+        outputs: Vec<(String, NodeId)>,
+        simplify: bool,
+    ) -> Program {
         static STAMP: AtomicU64 = AtomicU64::new(0);
-        let (nodes, used, outputs) = prune(recording, outputs);
+        let (recorded, outputs) = match simplify {
+            true => simplify::simplify(recording.nodes.clone(), outputs),
+            false => (recording.nodes.clone(), outputs),
+        };
+        let (nodes, used, outputs) = prune(&recorded, outputs);
         let mut used_indices = vec![false; recording.indices.len()];
         for node in &nodes {
             match &node.op {
@@ -92,23 +103,23 @@ impl Program {
 
 /// Keeps what the outputs need, and all leaves: an unused parameter has a gradient of zero. Also tells which are needed.
 fn prune(
-    recording: &Recording,
+    recorded: &[Node],
     outputs: Vec<(String, NodeId)>,
 ) -> (Vec<Node>, Vec<bool>, Vec<(String, NodeId)>) {
-    let mut needed = vec![false; recording.nodes.len()];
+    let mut needed = vec![false; recorded.len()];
     for (_, id) in &outputs {
         needed[*id] = true;
     }
-    for id in (0..recording.nodes.len()).rev() {
+    for id in (0..recorded.len()).rev() {
         if needed[id] {
-            for &input in &recording.nodes[id].inputs {
+            for &input in &recorded[id].inputs {
                 needed[input] = true;
             }
         }
     }
-    let mut position = vec![0; recording.nodes.len()];
+    let mut position = vec![0; recorded.len()];
     let (mut nodes, mut used): (Vec<Node>, Vec<bool>) = Default::default();
-    for (id, node) in recording.nodes.iter().enumerate() {
+    for (id, node) in recorded.iter().enumerate() {
         if !needed[id] && !node.op.is_leaf() {
             continue;
         }

@@ -1,5 +1,6 @@
 //! One phase: nodes of one domain, executed block by block.
 
+use super::runs::{Run, Step, group};
 use super::schedule::Group;
 use crate::graph::{Node, NodeId, Op};
 
@@ -12,6 +13,9 @@ pub(crate) struct Phase {
     pub body: Body,
     /// Nodes in order of execution.
     pub nodes: Vec<NodeId>,
+    /// The same, elementwise nodes in runs.
+    pub steps: Vec<Step>,
+    pub runs: Vec<Run>,
     /// Slot in the block arena of each node of the program, or [`NONE`].
     pub slot: Vec<u32>,
     /// Nodes that have a slot: those computed here, then operands of the same domain that are whole already.
@@ -61,11 +65,15 @@ pub(crate) enum PullKind {
 }
 
 impl Phase {
-    pub(super) fn new(nodes: &[Node], group: &Group, whole: &[bool]) -> Phase {
+    pub(super) fn new(nodes: &[Node], members: &Group, whole: &[bool]) -> Phase {
+        let mut order = members.nodes.clone();
+        let (steps, runs) = group(nodes, whole, &mut order);
         let mut phase = Phase {
-            domain: group.domain,
+            domain: members.domain,
             body: Body::Block,
-            nodes: group.nodes.clone(),
+            nodes: order,
+            steps,
+            runs,
             slot: vec![NONE; nodes.len()],
             locals: Vec::new(),
             computed: 0,
@@ -73,11 +81,11 @@ impl Phase {
             sinks: Vec::new(),
             pulls: Vec::new(),
         };
-        if matches!(nodes[group.nodes[0]].op, Op::Map(_)) {
+        if matches!(nodes[phase.nodes[0]].op, Op::Map(_)) {
             phase.body = Body::Map;
             return phase;
         }
-        for &id in &group.nodes {
+        for &id in &members.nodes {
             if nodes[id].op.is_sink() {
                 phase.sinks.push(id);
                 continue;
@@ -88,7 +96,7 @@ impl Phase {
             }
         }
         phase.computed = phase.locals.len();
-        for &id in &group.nodes {
+        for &id in &members.nodes {
             let node = &nodes[id];
             for (i, &input) in node.inputs.iter().enumerate() {
                 let kind = match node.op {

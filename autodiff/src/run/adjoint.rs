@@ -6,6 +6,7 @@ use super::block::{Env, Lanes, View, Worker, into_adjoint};
 use super::chunk::Chunk;
 use super::corners::{rows, with_corners};
 use super::dense::dense_adjoint;
+use super::interpolation;
 use super::lane::{Function, Lane};
 use super::linear::{self, add_lanes};
 use super::lookup;
@@ -134,7 +135,9 @@ pub(super) fn whole_adjoint<R: Lane>(
                     |_| true,
                     |corners| {
                         let rows = rows(env, id);
-                        lookup::scatter_weighted(env.arch, table, rows, lanes.len, corners, g);
+                        interpolation::scatter_weighted(
+                            env.arch, table, rows, lanes.len, corners, g,
+                        );
                     },
                 );
             }
@@ -151,7 +154,7 @@ pub(super) fn whole_adjoint<R: Lane>(
                 let index = &env.indices[index][lanes.start..lanes.start + lanes.len];
                 into_adjoint(env, worker, weight, |target, add| {
                     let target = &mut target[..lanes.len];
-                    lookup::pull_weight(table, rows(env, id), index, g, target, add);
+                    interpolation::pull_weight(table, rows(env, id), index, g, target, add);
                 });
             }
         }

@@ -6,11 +6,13 @@ use pulp::Arch;
 use rayon::prelude::*;
 
 use super::chunk::Chunk;
+use super::driver::{State, own};
+use super::lane::Lane;
 use super::lookup::deinterleave;
 use super::rows::{PARTIALS, put, total};
 use super::sizes::Extent;
 use crate::buffer::Buffer;
-use crate::graph::NodeId;
+use crate::graph::{NodeId, Op};
 use crate::program::{Program, PullKind};
 use crate::real::Real;
 
@@ -105,6 +107,59 @@ impl Layout {
                         put(arch, target, &source[c * row..(c + 1) * row], true);
                     }
                 }
+            }
+        }
+    }
+}
+
+impl<R: Lane> State<R> {
+    /// Copies what chunks stored and accumulated to whole arrays.
+    pub(super) fn assemble_values(&mut self, program: &Program, p: usize, tangents: bool) {
+        let phase = &program.phases[p];
+        let (extent, arch) = (&self.extent, self.arch);
+        let chunks = &mut self.chunks[p];
+        for (i, &id) in phase.stores.iter().enumerate() {
+            let layout = Layout::new(program, extent, id, PullKind::Lanes);
+            let target = own(&mut self.values[id]).as_mut_slice();
+            layout.assemble(arch, chunks, |chunk| &chunk.store[i], target, false);
+            if tangents && self.moving[id] {
+                let target = own(&mut self.tangents[id]).as_mut_slice();
+                layout.assemble(arch, chunks, |chunk| &chunk.store_tangent[i], target, false);
+            }
+        }
+        for (i, &id) in phase.sinks.iter().enumerate() {
+            let kind = match program.nodes[id].op {
+                Op::SumLanes => PullKind::Uniform,
+                _ => PullKind::Parents,
+            };
+            let layout = Layout::new(program, extent, id, kind);
+            let target = own(&mut self.values[id]).as_mut_slice();
+            layout.assemble(arch, chunks, |chunk| &chunk.sink[i], target, false);
+            if tangents && self.moving[id] {
+                let target = own(&mut self.tangents[id]).as_mut_slice();
+                layout.assemble(arch, chunks, |chunk| &chunk.sink_tangent[i], target, false);
+            }
+        }
+    }
+
+    /// Adds what chunks accumulated to the whole adjoints.
+    pub(super) fn assemble_adjoints(&mut self, program: &Program, p: usize) {
+        for (i, pull) in program.phases[p].pulls.iter().enumerate() {
+            let id = pull.target;
+            if !self.live[id] {
+                continue;
+            }
+            let len = self.len(id);
+            let add = std::mem::replace(&mut self.seeded[id], true);
+            let target = own(&mut self.adjoints[id]);
+            target.ensure(len);
+            let layout = Layout::new(program, &self.extent, id, pull.kind);
+            let chunks = &mut self.chunks[p];
+            let target = target.as_mut_slice();
+            if pull.kind == PullKind::Table {
+                layout.assemble_table(self.arch, chunks, i, target, add);
+            } else {
+                layout.assemble(self.arch, chunks, |chunk| &chunk.pull[i], target, add);
             }
         }
     }

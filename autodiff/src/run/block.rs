@@ -5,6 +5,7 @@ use std::mem::take;
 use pulp::Arch;
 
 use super::chunk::{Chunk, Span};
+use super::plan::Plan;
 use super::sizes::Extent;
 use crate::buffer::Buffer;
 use crate::graph::{NodeId, Op};
@@ -37,7 +38,7 @@ pub(super) struct Place {
     /// Elements between channels in the arena.
     pub pitch: usize,
     /// Slot in the arena, or [`NONE`].
-    slot: u32,
+    pub slot: u32,
     /// Whether the value is computed by the phase, so that it is in the arena too.
     computed: bool,
     /// Lanes of the whole value.
@@ -90,6 +91,8 @@ pub(super) struct Env<'a, R> {
     pub seeded: &'a [bool],
     /// Nodes whose value the reverse pass reads.
     pub replay: &'a [bool],
+    /// Plans of the phase's runs.
+    pub plans: &'a [Plan],
 }
 
 /// Lanes of a block.
@@ -108,6 +111,8 @@ pub(super) struct Worker<R> {
     /// Which adjoints of the block have been written.
     pub written: Vec<bool>,
     pub scratch: Buffer<R>,
+    /// Rows of a tile.
+    pub tile: Buffer<R>,
 }
 
 impl<R: Real> Worker<R> {
@@ -118,6 +123,7 @@ impl<R: Real> Worker<R> {
             adjoints: Vec::new(),
             written: Vec::new(),
             scratch: Buffer::zeros(0),
+            tile: Buffer::zeros(0),
         }
     }
 
@@ -128,6 +134,7 @@ impl<R: Real> Worker<R> {
             .map(Buffer::bytes)
             .sum::<usize>()
             + self.scratch.bytes()
+            + self.tile.bytes()
     }
 }
 

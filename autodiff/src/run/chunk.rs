@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use super::lookup::row_width;
 use super::rows::PARTIALS;
 use super::sizes::Extent;
 use crate::buffer::Buffer;
@@ -133,7 +134,7 @@ pub(super) fn pull_len(
     match kind {
         PullKind::Lanes => channels * span.lanes.len() * axis,
         PullKind::Parents => channels * span.parents.len() * axis + partial,
-        PullKind::Table => channels * extent.lanes[shape.domain] * axis,
+        PullKind::Table => row_width(channels, axis) * extent.lanes[shape.domain],
         PullKind::Uniform if axis == 1 => partial,
         PullKind::Uniform => channels * axis,
         PullKind::Weight => channels,

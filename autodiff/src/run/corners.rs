@@ -1,7 +1,8 @@
 //! Interpolated lookups in a block.
 
 use super::block::{Env, Lanes, View};
-use super::lookup::{self, Rows};
+use super::interpolation;
+use super::lookup::Rows;
 use crate::buffer::Buffer;
 use crate::graph::{CORNERS, NodeId, Op};
 use crate::real::Real;
@@ -20,7 +21,7 @@ pub(super) fn interpolate<R: Real>(
     let wanted = |weight: NodeId| all_weights || env.moving[weight];
     with_corners(env, lanes, id, weights, wanted, |corners| {
         let (rows, out) = (rows(env, id), out.as_mut_slice());
-        lookup::gather_weighted(env.arch, table, rows, lanes.len, corners, out, first);
+        interpolation::gather_weighted(env.arch, table, rows, lanes.len, corners, out, first);
     });
 }
 

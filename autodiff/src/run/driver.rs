@@ -6,21 +6,19 @@ use std::sync::{Arc, Mutex, PoisonError};
 use pulp::Arch;
 use rayon::prelude::*;
 
-use super::assemble::Layout;
 use super::block::{Env, Place, Whole, Worker, places};
-use super::chunk::{Chunk, Span, ensure, pull_len, sink_len, spans, store_len, widest};
+use super::chunk::{Chunk, ensure, pull_len, sink_len, spans, store_len, widest};
 use super::lane::Lane;
 use super::lookup::interleave;
 use super::passes;
+use super::plan::{Marks, Plan, forward_plans, reverse_plans};
 use super::replay::mark_replay;
-use super::rows::{PARTIALS, put};
+use super::room::{grow, scratch_len, stride, threads};
 use super::sizes::{Extent, Sizes};
+use super::tiles::tile_len;
 use crate::buffer::Buffer;
 use crate::graph::{NodeId, Op};
-use crate::program::{Body, Phase, Program, PullKind};
-
-/// How many times larger than others a value along an axis may be in a block.
-const WIDE: usize = 16;
+use crate::program::{Body, Program};
 
 /// All that a run changes, for one scalar type.
 pub(super) struct State<R> {
@@ -40,9 +38,12 @@ pub(super) struct State<R> {
     pub(super) chunks: Vec<Vec<Mutex<Chunk<R>>>>,
     strides: Vec<usize>,
     places: Vec<Vec<Place>>,
+    plans: Vec<Vec<Plan>>,
+    /// Which adjoints a phase has written, while its plans are made.
+    written: Vec<bool>,
     pub(super) workers: Vec<Worker<R>>,
-    column: Buffer<R>,
-    arch: Arch,
+    pub(super) column: Buffer<R>,
+    pub(super) arch: Arch,
 }
 
 /// What a pass computes.
@@ -75,6 +76,9 @@ impl<R: Lane> State<R> {
                     .collect(),
             );
         }
+        let plans = program.phases.iter().zip(&resolved);
+        let plans = plans.map(|(phase, places)| forward_plans(program, phase, places));
+        let plans = plans.collect();
         let threads = threads(sizes);
         let mut state = State {
             values: empty(),
@@ -98,6 +102,8 @@ impl<R: Lane> State<R> {
             chunks,
             strides,
             places: resolved,
+            plans,
+            written: Vec::new(),
             workers: (0..threads).map(|_| Worker::new()).collect(),
             column: Buffer::zeros(0),
             arch: Arch::new(),
@@ -116,6 +122,17 @@ impl<R: Lane> State<R> {
             state.prepare(program, p, Pass::Values);
         }
         state
+    }
+
+    /// Elements of a node of a phase in the arena of a thread.
+    pub fn arena_len(&self, program: &Program, p: usize, id: NodeId) -> usize {
+        let shape = program.nodes[id].shape;
+        shape.channels * self.strides[p] * self.extent.axis(shape.axis)
+    }
+
+    /// Marks what the reverse pass of a phase computes again.
+    pub fn mark_replay(&mut self, program: &Program, p: usize) {
+        mark_replay(program, &program.phases[p], &self.live, &mut self.replay);
     }
 
     /// Elements of a node's whole array.
@@ -266,7 +283,21 @@ impl<R: Lane> State<R> {
                 self.map_adjoint(program, phase.nodes[0]);
                 continue;
             }
-            mark_replay(program, phase, &self.live, &mut self.replay);
+            self.mark_replay(program, p);
+            let marks = Marks {
+                live: &self.live,
+                seeded: &self.seeded,
+                replay: &self.replay,
+            };
+            let plans = &mut self.plans[p];
+            reverse_plans(
+                program,
+                phase,
+                &self.places[p],
+                &marks,
+                &mut self.written,
+                plans,
+            );
             self.prepare(program, p, Pass::Adjoints);
             self.run(program, p, passes::reverse);
             self.assemble_adjoints(program, p);
@@ -334,6 +365,7 @@ impl<R: Lane> State<R> {
                 worker.written.resize(phase.locals.len(), false);
             }
             worker.scratch.grow(scratch);
+            worker.tile.grow(tile_len(phase));
         }
     }
 
@@ -381,111 +413,8 @@ impl<R: Lane> State<R> {
             live: &self.live,
             seeded: &self.seeded,
             replay: &self.replay,
+            plans: &self.plans[p],
         }
-    }
-
-    /// Copies what chunks stored and accumulated to whole arrays.
-    fn assemble_values(&mut self, program: &Program, p: usize, tangents: bool) {
-        let phase = &program.phases[p];
-        let (extent, arch) = (&self.extent, self.arch);
-        let chunks = &mut self.chunks[p];
-        for (i, &id) in phase.stores.iter().enumerate() {
-            let layout = Layout::new(program, extent, id, PullKind::Lanes);
-            let target = own(&mut self.values[id]).as_mut_slice();
-            layout.assemble(arch, chunks, |chunk| &chunk.store[i], target, false);
-            if tangents && self.moving[id] {
-                let target = own(&mut self.tangents[id]).as_mut_slice();
-                layout.assemble(arch, chunks, |chunk| &chunk.store_tangent[i], target, false);
-            }
-        }
-        for (i, &id) in phase.sinks.iter().enumerate() {
-            let kind = match program.nodes[id].op {
-                Op::SumLanes => PullKind::Uniform,
-                _ => PullKind::Parents,
-            };
-            let layout = Layout::new(program, extent, id, kind);
-            let target = own(&mut self.values[id]).as_mut_slice();
-            layout.assemble(arch, chunks, |chunk| &chunk.sink[i], target, false);
-            if tangents && self.moving[id] {
-                let target = own(&mut self.tangents[id]).as_mut_slice();
-                layout.assemble(arch, chunks, |chunk| &chunk.sink_tangent[i], target, false);
-            }
-        }
-    }
-
-    /// Adds what chunks accumulated to the whole adjoints.
-    fn assemble_adjoints(&mut self, program: &Program, p: usize) {
-        for (i, pull) in program.phases[p].pulls.iter().enumerate() {
-            let id = pull.target;
-            if !self.live[id] {
-                continue;
-            }
-            let len = self.len(id);
-            let add = std::mem::replace(&mut self.seeded[id], true);
-            let target = own(&mut self.adjoints[id]);
-            target.ensure(len);
-            let layout = Layout::new(program, &self.extent, id, pull.kind);
-            let chunks = &mut self.chunks[p];
-            let target = target.as_mut_slice();
-            if pull.kind == PullKind::Table {
-                layout.assemble_table(self.arch, chunks, i, target, add);
-            } else {
-                layout.assemble(self.arch, chunks, |chunk| &chunk.pull[i], target, add);
-            }
-        }
-    }
-
-    /// Applies a linear map to values or tangents.
-    fn map(&mut self, program: &Program, id: NodeId, tangents: bool) {
-        let arrays = if tangents {
-            &mut self.tangents
-        } else {
-            &mut self.values
-        };
-        let node = &program.nodes[id];
-        let Op::Map(map) = &node.op else { return };
-        let input = node.inputs[0];
-        let mut output = std::mem::take(own(&mut arrays[id]));
-        let columns = self.extent.axis(node.shape.axis);
-        let (from, to) = (
-            self.extent.lanes[program.nodes[input].shape.domain] * columns,
-            self.extent.lanes[node.shape.domain] * columns,
-        );
-        let source = arrays[input].as_slice();
-        for c in 0..node.shape.channels {
-            let source = &source[c * from..(c + 1) * from];
-            let target = &mut output.as_mut_slice()[c * to..(c + 1) * to];
-            R::apply_map(map.as_ref(), false, columns, source, target);
-        }
-        arrays[id] = Whole::Owned(output);
-    }
-
-    /// Adds the transpose of a linear map, applied to the adjoint of its result, to the adjoint of its operand.
-    fn map_adjoint(&mut self, program: &Program, id: NodeId) {
-        let node = &program.nodes[id];
-        let input = node.inputs[0];
-        let Op::Map(map) = &node.op else { return };
-        if !self.live[input] || !self.seeded[id] {
-            return;
-        }
-        let columns = self.extent.axis(node.shape.axis);
-        let (from, to) = (
-            self.extent.lanes[program.nodes[input].shape.domain] * columns,
-            self.extent.lanes[node.shape.domain] * columns,
-        );
-        let add = std::mem::replace(&mut self.seeded[input], true);
-        let mut target = std::mem::take(own(&mut self.adjoints[input]));
-        target.ensure(node.shape.channels * from);
-        self.column.grow(from);
-        let column = &mut self.column.as_mut_slice()[..from];
-        let source = self.adjoints[id].as_slice();
-        for c in 0..node.shape.channels {
-            let source = &source[c * to..(c + 1) * to];
-            R::apply_map(map.as_ref(), true, columns, source, column);
-            let target = &mut target.as_mut_slice()[c * from..(c + 1) * from];
-            put(self.arch, target, column, add);
-        }
-        self.adjoints[input] = Whole::Owned(target);
     }
 }
 
@@ -498,53 +427,4 @@ pub(super) fn own<R: Lane>(array: &mut Whole<R>) -> &mut Buffer<R> {
         Whole::Owned(buffer) => buffer,
         Whole::Shared(_) => unreachable!("replaced above"),
     }
-}
-
-/// Lanes of the largest block of a phase.
-pub(super) fn stride(
-    program: &Program,
-    extent: &Extent,
-    phase: &Phase,
-    sizes: &Sizes,
-    spans: &[Span],
-) -> usize {
-    let longest = spans.iter().map(|span| span.lanes.len()).max().unwrap_or(0);
-    // Few values of a phase are wide: they may overflow L1 as long as blocks keep enough lanes.
-    let wide = (WIDE * sizes.block) / widest(program, extent, phase);
-    let wanted = sizes.block.min(wide).min(longest);
-    wanted.next_multiple_of(PARTIALS).max(PARTIALS)
-}
-
-/// Threads to share work among.
-pub(super) fn threads(sizes: &Sizes) -> usize {
-    let available = rayon::current_num_threads();
-    sizes.threads.unwrap_or(available).clamp(1, available)
-}
-
-/// Makes room in an arena for the first `count` locals of a phase.
-fn grow<R: Lane>(
-    arena: &mut Vec<Buffer<R>>,
-    phase: &Phase,
-    count: usize,
-    room: impl Fn(NodeId) -> usize,
-) {
-    if arena.len() < count {
-        arena.resize_with(count, || Buffer::zeros(0));
-    }
-    for (slot, &id) in phase.locals[..count].iter().enumerate() {
-        arena[slot].grow(room(id));
-    }
-}
-
-/// Elements of scratch that a block needs: products of a contraction, or the operands of a dense layer, twice.
-pub(super) fn scratch_len(program: &Program, phase: &Phase, stride: usize, widest: usize) -> usize {
-    let needs = phase.nodes.iter().map(|&id| {
-        let node = &program.nodes[id];
-        match node.op {
-            Op::SegmentDot => stride * widest,
-            Op::Matmul => 2 * stride * program.nodes[node.inputs[0]].shape.channels,
-            _ => 0,
-        }
-    });
-    needs.max().unwrap_or(0)
 }

@@ -57,6 +57,18 @@ pub(super) fn push<R: Real>(
                 }
             }
         }
+        Op::MaxAxis => {
+            let width = env.axis(input);
+            for c in 0..node.shape.channels {
+                let source = env.channel(view, lanes, input, c);
+                for lane in 0..lanes.len {
+                    let row = &source[lane * width..(lane + 1) * width];
+                    let largest = |largest: R, x: &R| if *x > largest { *x } else { largest };
+                    let first = row.first().copied().unwrap_or_default();
+                    out[c * pitch + lane] = row.iter().fold(first, largest);
+                }
+            }
+        }
         Op::Repeat => {
             for c in 0..node.shape.channels {
                 let source = env.channel(view, lanes, input, c);

@@ -1,8 +1,10 @@
 //! How much memory a program will need, before it is allocated.
 
 use super::chunk::{pull_len, sink_len, spans, store_len, widest};
-use super::driver::{scratch_len, stride, threads};
+use super::lookup::row_width;
+use super::room::{scratch_len, stride, threads};
 use super::sizes::{Extent, Sizes};
+use super::tiles::tile_len;
 use crate::buffer::Buffer;
 use crate::error::RunError;
 use crate::graph::{NodeId, Op};
@@ -47,10 +49,9 @@ impl Program {
         for (id, node) in self.nodes.iter().enumerate() {
             if self.whole[id] {
                 memory.values += whole(id);
-                if node.active {
-                    memory.adjoints += whole(id);
-                }
+                // Outputs are seeded whether or not a gradient can flow through them.
                 if node.active || self.outputs.iter().any(|output| output.1 == id) {
+                    memory.adjoints += whole(id);
                     memory.tangents += whole(id);
                 }
             }
@@ -65,9 +66,12 @@ impl Program {
         }
         memory.adjoints += column;
         for (id, _) in table.iter().enumerate().filter(|(_, is_table)| **is_table) {
-            if self.nodes[id].shape.channels > 1 {
-                memory.values += whole(id);
-                memory.tangents += whole(id);
+            let shape = self.nodes[id].shape;
+            if shape.channels > 1 {
+                let row = row_width(shape.channels, extent.axis(shape.axis));
+                let table = bytes(extent.lanes[shape.domain].saturating_mul(row));
+                memory.values += table;
+                memory.tangents += table;
             }
         }
         let mut arena = Arena::default();
@@ -97,7 +101,8 @@ impl Program {
         }
         let threads = threads(sizes);
         let slots = |slots: &[usize]| slots.iter().map(|&len| bytes(len)).sum::<usize>();
-        memory.values += threads * (slots(&arena.computed) + bytes(arena.scratch));
+        memory.values +=
+            threads * (slots(&arena.computed) + bytes(arena.scratch) + bytes(arena.tile));
         memory.tangents += threads * slots(&arena.computed);
         memory.adjoints += threads * slots(&arena.locals);
         Ok(memory)
@@ -110,6 +115,7 @@ struct Arena {
     computed: Vec<usize>,
     locals: Vec<usize>,
     scratch: usize,
+    tile: usize,
 }
 
 impl Arena {
@@ -136,5 +142,6 @@ impl Arena {
         }
         let scratch = scratch_len(program, phase, stride, widest(program, extent, phase));
         self.scratch = self.scratch.max(scratch);
+        self.tile = self.tile.max(tile_len(phase));
     }
 }

@@ -4,6 +4,7 @@ use super::driver::State;
 use super::inspect::NonFinite;
 use super::lane::Lane;
 use super::sizes::{Extent, Sizes};
+use super::walk::Observer;
 use super::workspace::Workspace;
 use crate::dual::Dual;
 use crate::error::RunError;
@@ -26,6 +27,9 @@ pub trait Engine: Lane {
     #[doc(hidden)]
     #[allow(private_interfaces)]
     fn find_non_finite(state: &mut State<Self>, program: &Program) -> Option<NonFinite>;
+    #[doc(hidden)]
+    #[allow(private_interfaces)]
+    fn walk(state: &mut State<Self>, program: &Program, observer: &mut dyn Observer<Self>);
 }
 
 macro_rules! engine {
@@ -43,6 +47,9 @@ macro_rules! engine {
             }
             fn find_non_finite(state: &mut State<Self>, program: &Program) -> Option<NonFinite> {
                 state.find_non_finite(program)
+            }
+            fn walk(state: &mut State<Self>, program: &Program, observer: &mut dyn Observer<Self>) {
+                state.walk(program, observer)
             }
         }
     };

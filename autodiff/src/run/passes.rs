@@ -6,9 +6,10 @@ use super::chunk::Chunk;
 use super::lane::Lane;
 use super::sinks::accumulate;
 use super::tangent::tangent;
+use super::tiles;
 use super::value::value;
 use crate::graph::NodeId;
-use crate::program::PullKind;
+use crate::program::{PullKind, Step};
 
 /// Runs the blocks of a chunk forward: values, and tangents of moving nodes when `tangents`.
 pub(super) fn forward<R: Lane>(
@@ -31,7 +32,28 @@ pub(super) fn forward<R: Lane>(
     }
     let span = chunk.span.clone();
     for lanes in blocks(chunk, env.stride) {
-        for &id in &env.phase.nodes {
+        let by_tiles = R::PACKED && !tangents;
+        let steps = if by_tiles { &env.phase.steps[..] } else { &[] };
+        for step in steps {
+            match *step {
+                Step::Run(at) => {
+                    let plan = &env.plans[at].forward;
+                    tiles::forward(env, worker, Some(chunk), lanes, &env.phase.runs[at], plan);
+                }
+                Step::Node(id) => {
+                    let op = &env.program.nodes[id].op;
+                    if op.is_sink() {
+                        let at = sink_position(env, id);
+                        accumulate(env, worker, chunk, lanes, id, at, false);
+                    } else if !is_constant(op) {
+                        value(env, worker, lanes, id);
+                    }
+                }
+            }
+        }
+        // Tangents need the value of every node in the arena; dual numbers gain nothing from tiles.
+        let nodes = if by_tiles { &[] } else { &env.phase.nodes[..] };
+        for &id in nodes {
             let op = &env.program.nodes[id].op;
             if op.is_sink() {
                 let at = sink_position(env, id);
@@ -66,17 +88,27 @@ pub(super) fn reverse<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, chunk: &mut
     fill_constants(env, worker, |id| env.replay[id]);
     let span = chunk.span.clone();
     for lanes in blocks(chunk, env.stride) {
-        for &id in &env.phase.nodes {
-            let op = &env.program.nodes[id].op;
-            if env.replay[id] && !op.is_sink() && !is_constant(op) {
-                value(env, worker, lanes, id);
+        if R::PACKED {
+            replay(env, worker, lanes);
+            worker.written[..env.phase.locals.len()].fill(false);
+            seed(env, worker, lanes);
+            for step in env.phase.steps.iter().rev() {
+                match *step {
+                    Step::Run(at) => tiles::reverse(env, worker, chunk, lanes, at),
+                    Step::Node(id) if env.live[id] => adjoint(env, worker, chunk, lanes, id),
+                    Step::Node(_) => {}
+                }
             }
-        }
-        worker.written[..env.phase.locals.len()].fill(false);
-        seed(env, worker, lanes);
-        for &id in env.phase.nodes.iter().rev() {
-            if env.live[id] {
-                adjoint(env, worker, chunk, lanes, id);
+        } else {
+            for &id in &env.phase.nodes {
+                replay_node(env, worker, lanes, id);
+            }
+            worker.written[..env.phase.locals.len()].fill(false);
+            seed(env, worker, lanes);
+            for &id in env.phase.nodes.iter().rev() {
+                if env.live[id] {
+                    adjoint(env, worker, chunk, lanes, id);
+                }
             }
         }
         for (pull, target) in env.phase.pulls.iter().zip(&mut chunk.pull) {
@@ -99,8 +131,28 @@ pub(super) fn reverse<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, chunk: &mut
     }
 }
 
+/// Computes again what the reverse pass reads outside of runs.
+fn replay<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes) {
+    for step in &env.phase.steps {
+        match *step {
+            Step::Run(at) => {
+                let plan = &env.plans[at].replay;
+                tiles::forward(env, worker, None, lanes, &env.phase.runs[at], plan);
+            }
+            Step::Node(id) => replay_node(env, worker, lanes, id),
+        }
+    }
+}
+
+pub(super) fn replay_node<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes, id: NodeId) {
+    let op = &env.program.nodes[id].op;
+    if env.replay[id] && !op.is_sink() && !is_constant(op) {
+        value(env, worker, lanes, id);
+    }
+}
+
 /// Starts the adjoints of a block with what later phases left for its stored nodes.
-fn seed<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes) {
+pub(super) fn seed<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes) {
     let all = env.extent.lanes[env.phase.domain];
     for &id in &env.phase.stores {
         if !env.live[id] || !env.seeded[id] {
@@ -147,7 +199,7 @@ fn fill_constant_tangents<R: Lane>(env: &Env<R>, worker: &mut Worker<R>) {
     }
 }
 
-fn sink_position<R>(env: &Env<R>, id: NodeId) -> usize {
+pub(super) fn sink_position<R>(env: &Env<R>, id: NodeId) -> usize {
     env.phase
         .sinks
         .iter()

@@ -1,7 +1,7 @@
 //! What the reverse pass of a phase has to recompute.
 
 use super::lane::Function;
-use crate::graph::Op;
+use crate::graph::{NodeId, Op};
 use crate::op::RESULT;
 use crate::program::{Phase, Program};
 
@@ -46,5 +46,46 @@ pub(super) fn mark_replay(program: &Program, phase: &Phase, live: &[bool], repla
         if replay[id] && !node.op.is_sink() {
             node.inputs.iter().for_each(|&input| replay[input] = true);
         }
+    }
+}
+
+/// Whether node `user` reads the value of its operand `input` in the reverse pass.
+pub(super) fn reads_value(
+    program: &Program,
+    user: NodeId,
+    input: NodeId,
+    live: &[bool],
+    replay: &[bool],
+) -> bool {
+    let node = &program.nodes[user];
+    if !node.inputs.contains(&input) {
+        return false;
+    }
+    if replay[user] && !node.op.is_sink() {
+        return true;
+    }
+    if !live[user] {
+        return false;
+    }
+    let mut operands = node.inputs.iter().enumerate();
+    match &node.op {
+        Op::Element(_) | Op::Custom(_) => Function::of(node).is_some_and(|function| {
+            let read = |i: usize| {
+                if live[node.inputs[i]] {
+                    function.reads(i)
+                } else {
+                    0
+                }
+            };
+            let all = (0..node.inputs.len()).fold(0, |all, i| all | read(i));
+            operands.any(|(j, &other)| other == input && all & (1 << j) != 0)
+        }),
+        Op::SegmentDot => {
+            let (a, b) = (node.inputs[0], node.inputs[1]);
+            (input == a && live[b]) || (input == b && live[a])
+        }
+        Op::GatherWeighted(_) => node.inputs[1..].contains(&input),
+        Op::Matmul => input == node.inputs[0] && live[node.inputs[1]],
+        _ => false,
     }
 }

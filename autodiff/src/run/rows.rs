@@ -74,28 +74,35 @@ impl<R: Real> Kernel for AddPartials<'_, R> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let mut sums = [R::default(); PARTIALS];
-        sums.copy_from_slice(&self.partial[..PARTIALS]);
-        let first = self.phase % PARTIALS;
-        let head = ((PARTIALS - first) % PARTIALS).min(self.source.len());
-        let (start, rest) = self.source.split_at(head);
-        for (i, x) in start.iter().enumerate() {
-            sums[first + i] = sums[first + i] + *x;
-        }
-        let mut whole = rest.chunks_exact(PARTIALS);
-        for chunk in whole.by_ref() {
-            for i in 0..PARTIALS {
-                sums[i] = sums[i] + chunk[i];
-            }
-        }
-        for (i, x) in whole.remainder().iter().enumerate() {
-            sums[i] = sums[i] + *x;
-        }
-        self.partial[..PARTIALS].copy_from_slice(&sums);
+        spread(self.partial, self.phase, self.source);
     }
 }
 
+/// [`add_partials`], within a kernel.
+#[inline(always)]
+pub(super) fn spread<R: Real>(partial: &mut [R], phase: usize, source: &[R]) {
+    let mut sums = [R::default(); PARTIALS];
+    sums.copy_from_slice(&partial[..PARTIALS]);
+    let first = phase % PARTIALS;
+    let head = ((PARTIALS - first) % PARTIALS).min(source.len());
+    let (start, rest) = source.split_at(head);
+    for (i, x) in start.iter().enumerate() {
+        sums[first + i] = sums[first + i] + *x;
+    }
+    let (whole, rest) = rest.as_chunks::<PARTIALS>();
+    for chunk in whole {
+        for i in 0..PARTIALS {
+            sums[i] = sums[i] + chunk[i];
+        }
+    }
+    for (i, x) in rest.iter().enumerate() {
+        sums[i] = sums[i] + *x;
+    }
+    partial[..PARTIALS].copy_from_slice(&sums);
+}
+
 /// The total of partial sums, pairwise.
+#[inline(always)]
 pub(super) fn total<R: Real>(partial: &[R]) -> R {
     let mut sums = [R::default(); PARTIALS];
     sums.copy_from_slice(&partial[..PARTIALS]);

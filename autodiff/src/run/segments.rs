@@ -3,10 +3,13 @@
 //! A segment's sum runs over its lanes in order, so that it does not depend on where blocks end. Single elements are spread
 //! over partial sums by their position in the segment; the open ones stay with the chunk between blocks.
 
+use pulp::Simd;
+
 use super::block::{Env, Lanes};
 use super::chunk::Span;
-use super::rows::{PARTIALS, add_partials, put, put_value, total};
+use super::rows::{PARTIALS, put, put_value, spread, total};
 use super::sizes::{Piece, Segments};
+use crate::op::kernel::{Kernel, dispatch};
 use crate::real::Real;
 
 /// The segments of the phase's domain. Recording made sure that there are some.
@@ -36,6 +39,18 @@ pub(super) fn expand<R: Real>(
     mean: bool,
     add: bool,
 ) {
+    if axis == 1 {
+        let kernel = ExpandLanes {
+            segments: segments_of(env),
+            lanes,
+            parents,
+            first_parent,
+            target,
+            mean,
+            add,
+        };
+        return dispatch(env.arch, kernel);
+    }
     for piece in pieces(env, lanes) {
         let p = piece.parent - first_parent;
         let row = &parents[p * axis..(p + 1) * axis];
@@ -45,10 +60,7 @@ pub(super) fn expand<R: Real>(
         );
         let target = &mut target[start * axis..end * axis];
         let factor = R::from_f64(1.0 / piece.segment.len() as f64);
-        if axis == 1 {
-            let value = if mean { row[0] * factor } else { row[0] };
-            put_value(target, value, add);
-        } else if mean {
+        if mean {
             for lane in target.chunks_exact_mut(axis) {
                 for (t, x) in lane.iter_mut().zip(row) {
                     *t = if add { *t + *x * factor } else { *x * factor };
@@ -76,34 +88,94 @@ pub(super) fn collect<R: Real>(
 ) {
     let parents = span.parents.len();
     let (sums, partials) = sums.split_at_mut(channels * parents * axis);
+    if axis == 1 {
+        let kernel = CollectLanes {
+            segments: segments_of(env),
+            lanes,
+            first_parent: span.parents.start,
+            source,
+            sums: &mut sums[channel * parents..(channel + 1) * parents],
+            partial: &mut partials[channel * PARTIALS..(channel + 1) * PARTIALS],
+            mean,
+        };
+        return dispatch(env.arch, kernel);
+    }
     for piece in pieces(env, lanes) {
         let p = channel * parents + piece.parent - span.parents.start;
         let (start, end) = (
             piece.lanes.start - lanes.start,
             piece.lanes.end - lanes.start,
         );
-        let source = &source[start * axis..end * axis];
-        let ends = piece.lanes.end == piece.segment.end;
-        let factor = R::from_f64(1.0 / piece.segment.len() as f64);
-        if axis == 1 {
-            let partial = &mut partials[channel * PARTIALS..(channel + 1) * PARTIALS];
+        let row = &mut sums[p * axis..(p + 1) * axis];
+        for lane in source[start * axis..end * axis].chunks_exact(axis) {
+            put(env.arch, row, lane, true);
+        }
+        if piece.lanes.end == piece.segment.end && mean {
+            let factor = R::from_f64(1.0 / piece.segment.len() as f64);
+            row.iter_mut().for_each(|x| *x = *x * factor);
+        }
+    }
+}
+
+/// [`expand`] of single elements.
+struct ExpandLanes<'a, R> {
+    segments: &'a Segments,
+    lanes: Lanes,
+    parents: &'a [R],
+    first_parent: usize,
+    target: &'a mut [R],
+    mean: bool,
+    add: bool,
+}
+
+impl<R: Real> Kernel for ExpandLanes<'_, R> {
+    const PACKED: bool = R::PACKED;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        for piece in self.segments.pieces(self.lanes.start, self.lanes.len) {
+            let value = self.parents[piece.parent - self.first_parent];
+            let first = piece.lanes.start - self.lanes.start;
+            let target = &mut self.target[first..first + piece.lanes.len()];
+            let value = match self.mean {
+                true => value * R::from_f64(1.0 / piece.segment.len() as f64),
+                false => value,
+            };
+            put_value(target, value, self.add);
+        }
+    }
+}
+
+/// [`collect`] of single elements.
+struct CollectLanes<'a, R> {
+    segments: &'a Segments,
+    lanes: Lanes,
+    first_parent: usize,
+    source: &'a [R],
+    sums: &'a mut [R],
+    partial: &'a mut [R],
+    mean: bool,
+}
+
+impl<R: Real> Kernel for CollectLanes<'_, R> {
+    const PACKED: bool = R::PACKED;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        for piece in self.segments.pieces(self.lanes.start, self.lanes.len) {
+            let first = piece.lanes.start - self.lanes.start;
+            let source = &self.source[first..first + piece.lanes.len()];
             let phase = piece.lanes.start - piece.segment.start;
             if phase == 0 {
-                partial.fill(R::default());
+                self.partial.fill(R::default());
             }
-            add_partials(env.arch, partial, phase, source);
-            if ends {
-                let sum = total(partial);
+            spread(self.partial, phase, source);
+            if piece.lanes.end == piece.segment.end {
+                let sum = total(self.partial);
+                let mean = R::from_f64(1.0 / piece.segment.len() as f64);
                 // A parent is complete once: adding would double nothing, but several uses of an expansion add up.
-                sums[p] = sums[p] + if mean { sum * factor } else { sum };
-            }
-        } else {
-            let row = &mut sums[p * axis..(p + 1) * axis];
-            for lane in source.chunks_exact(axis) {
-                put(env.arch, row, lane, true);
-            }
-            if ends && mean {
-                row.iter_mut().for_each(|x| *x = *x * factor);
+                let target = &mut self.sums[piece.parent - self.first_parent];
+                *target = *target + if self.mean { sum * mean } else { sum };
             }
         }
     }

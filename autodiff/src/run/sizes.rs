@@ -110,6 +110,16 @@ impl Segments {
     }
 }
 
+impl Pieces<'_> {
+    /// The parts of segments in the `len` lanes that follow those before.
+    #[inline(always)]
+    pub fn advance(&mut self, len: usize) {
+        // The segment that the last part belongs to may go on.
+        self.parent = self.parent.saturating_sub(1);
+        self.end = self.lane + len;
+    }
+}
+
 /// Iterates over [`Piece`]s.
 pub(crate) struct Pieces<'a> {
     segments: &'a Segments,
@@ -130,7 +140,7 @@ pub(crate) struct Piece {
 impl Iterator for Pieces<'_> {
     type Item = Piece;
 
-    #[inline]
+    #[inline(always)]
     fn next(&mut self) -> Option<Piece> {
         while self.lane < self.end {
             let (start, end) = self.segments.bounds(self.parent);

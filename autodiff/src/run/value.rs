@@ -106,6 +106,7 @@ pub(super) fn push_linear<R: Lane>(
         Op::Gather(index) => {
             let index = &env.indices[index][lanes.start..lanes.start + lanes.len];
             lookup::gather(
+                env.arch,
                 view.table(env, input),
                 rows(env, id),
                 index,

@@ -1,0 +1,61 @@
+//! How large blocks are, and what they need.
+
+use super::chunk::{Span, widest};
+use super::lane::Lane;
+use super::rows::PARTIALS;
+use super::sizes::{Extent, Sizes};
+use crate::buffer::Buffer;
+use crate::graph::{NodeId, Op};
+use crate::program::{Phase, Program};
+
+/// How many times larger than others a value along an axis may be in a block.
+const WIDE: usize = 16;
+
+/// Lanes of the largest block of a phase.
+pub(super) fn stride(
+    program: &Program,
+    extent: &Extent,
+    phase: &Phase,
+    sizes: &Sizes,
+    spans: &[Span],
+) -> usize {
+    let longest = spans.iter().map(|span| span.lanes.len()).max().unwrap_or(0);
+    // Few values of a phase are wide: they may overflow L1 as long as blocks keep enough lanes.
+    let wide = (WIDE * sizes.block) / widest(program, extent, phase);
+    let wanted = sizes.block.min(wide).min(longest);
+    wanted.next_multiple_of(PARTIALS).max(PARTIALS)
+}
+
+/// Threads to share work among.
+pub(super) fn threads(sizes: &Sizes) -> usize {
+    let available = rayon::current_num_threads();
+    sizes.threads.unwrap_or(available).clamp(1, available)
+}
+
+/// Makes room in an arena for the first `count` locals of a phase.
+pub(super) fn grow<R: Lane>(
+    arena: &mut Vec<Buffer<R>>,
+    phase: &Phase,
+    count: usize,
+    room: impl Fn(NodeId) -> usize,
+) {
+    if arena.len() < count {
+        arena.resize_with(count, || Buffer::zeros(0));
+    }
+    for (slot, &id) in phase.locals[..count].iter().enumerate() {
+        arena[slot].grow(room(id));
+    }
+}
+
+/// Elements of scratch that a block needs: products of a contraction, or the operands of a dense layer, twice.
+pub(super) fn scratch_len(program: &Program, phase: &Phase, stride: usize, widest: usize) -> usize {
+    let needs = phase.nodes.iter().map(|&id| {
+        let node = &program.nodes[id];
+        match node.op {
+            Op::SegmentDot => stride * widest,
+            Op::Matmul => 2 * stride * program.nodes[node.inputs[0]].shape.channels,
+            _ => 0,
+        }
+    });
+    needs.max().unwrap_or(0)
+}

@@ -1,0 +1,359 @@
+//! The loops over the tiles of a block.
+
+use pulp::Simd;
+
+use super::chunk::Span;
+use super::lookup::{Rows, gather_rows, scatter_rows};
+use super::plan::{Adjoints, Values};
+use super::rows::{PARTIALS, spread, total};
+use super::sizes::{Piece, Pieces, Segments};
+use crate::buffer::Buffer;
+use crate::op::kernel::Kernel;
+use crate::op::tile::{Row, TILE, evaluate, load, pass, store};
+use crate::real::Real;
+
+/// What fills rows of a tile, or what their adjoints go to.
+#[derive(Clone, Copy)]
+pub(super) enum Lookup<'a, R> {
+    /// The values of parents; as many to a channel as there are parents.
+    Parents { all: &'a [R], pitch: usize },
+    /// Rows of a table.
+    Table { table: &'a [R], index: &'a [u32] },
+}
+
+/// A lookup and the rows that it fills.
+#[derive(Clone, Copy)]
+pub(super) struct Filled<'a, R> {
+    pub row: usize,
+    pub channels: usize,
+    pub lookup: Lookup<'a, R>,
+}
+
+/// A sum over the lanes of rows: which accumulation, and of what.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Summed {
+    pub row: usize,
+    pub channels: usize,
+    /// Over the lanes of a segment rather than over all.
+    pub segments: bool,
+    pub mean: bool,
+}
+
+/// The adjoint of one channel of a sum.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Spread<'a, R> {
+    pub row: usize,
+    pub add: bool,
+    /// The parents' adjoints, or the only one.
+    pub adjoint: &'a [R],
+    pub segments: bool,
+    pub mean: bool,
+}
+
+/// What both directions share.
+pub(super) struct Block<'a, R> {
+    pub len: usize,
+    /// First lane of the block, over the whole domain.
+    pub start: usize,
+    pub segments: &'a Segments,
+    /// Whether the run has to know of segments.
+    pub by_segments: bool,
+    pub span: &'a Span,
+    /// What is read, row by row; rows that are not read are empty.
+    pub sources: &'a [&'a [R]],
+    pub lookups: &'a [Filled<'a, R>],
+    pub rows: &'a mut [R],
+}
+
+/// The forward direction of a run.
+pub(super) struct Forward<'a, R> {
+    pub block: Block<'a, R>,
+    pub plan: &'a Values,
+    pub targets: &'a mut [Buffer<R>],
+    pub sums: &'a [Summed],
+    pub accumulations: &'a mut [Buffer<R>],
+}
+
+impl<R: Real> Kernel for Forward<'_, R> {
+    const PACKED: bool = R::PACKED;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let block = self.block;
+        let (rows, _) = block.rows.as_chunks_mut::<TILE>();
+        let mut parts = Parts::new(block.segments, block.start);
+        for at in (0..block.len).step_by(TILE) {
+            let len = TILE.min(block.len - at);
+            if block.by_segments {
+                parts.advance(len);
+            }
+            fill(rows, block.sources, block.lookups, &parts, at, len);
+            for instruction in &self.plan.instructions {
+                evaluate::<R, S>(instruction, rows);
+            }
+            for export in &self.plan.exports {
+                let start = export.offset + at;
+                let target = self.targets[export.array as usize].as_mut_slice();
+                store(&mut target[start..start + len], &rows[export.row as usize]);
+            }
+            for (sum, target) in self.sums.iter().zip(&mut *self.accumulations) {
+                let first = block.start + at - block.span.lanes.start;
+                for c in 0..sum.channels {
+                    let row = &rows[sum.row + c][..len];
+                    accumulate(*sum, c, row, first, &parts, block.span, target);
+                }
+            }
+        }
+    }
+}
+
+/// The reverse direction of a run: values are computed again in the tile, then adjoints passed back.
+pub(super) struct Reverse<'a, R> {
+    /// Its rows are values, then as many adjoints.
+    pub block: Block<'a, R>,
+    pub plan: &'a Adjoints,
+    pub adjoints: &'a [&'a [R]],
+    pub spreads: &'a [Spread<'a, R>],
+    pub targets: &'a mut [Buffer<R>],
+    /// Where adjoints of lookups go, one accumulation each.
+    pub scatters: &'a [Filled<'a, R>],
+    pub pulls: &'a mut [Buffer<R>],
+}
+
+impl<R: Real> Kernel for Reverse<'_, R> {
+    const PACKED: bool = R::PACKED;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let (block, plan) = (self.block, self.plan);
+        let (rows, _) = block.rows.as_chunks_mut::<TILE>();
+        let half = rows.len() / 2;
+        let (values, adjoints) = rows.split_at_mut(half);
+        let mut parts = Parts::new(block.segments, block.start);
+        for at in (0..block.len).step_by(TILE) {
+            let len = TILE.min(block.len - at);
+            if block.by_segments {
+                parts.advance(len);
+            }
+            fill(values, block.sources, block.lookups, &parts, at, len);
+            for instruction in &plan.instructions {
+                evaluate::<R, S>(instruction, values);
+            }
+            for import in &plan.imports {
+                let start = import.offset + at;
+                let source = &self.adjoints[import.array as usize][start..start + len];
+                load(&mut adjoints[import.row as usize], source);
+            }
+            for add in &plan.adds {
+                let start = add.offset + at;
+                let source = self.targets[add.array as usize].as_slice();
+                load(&mut adjoints[add.row as usize], &source[start..start + len]);
+            }
+            for spread in self.spreads {
+                expand(spread, &mut adjoints[spread.row], &parts);
+            }
+            for pull in &plan.pulls {
+                pass::<R, S>(pull, values, adjoints);
+            }
+            for export in &plan.exports {
+                let start = export.offset + at;
+                let target = self.targets[export.array as usize].as_mut_slice();
+                store(
+                    &mut target[start..start + len],
+                    &adjoints[export.row as usize],
+                );
+            }
+            for (scatter, target) in self.scatters.iter().zip(&mut *self.pulls) {
+                let rows = &adjoints[scatter.row..scatter.row + scatter.channels];
+                match scatter.lookup {
+                    Lookup::Parents { .. } => {
+                        let sum = Summed {
+                            row: 0,
+                            channels: scatter.channels,
+                            segments: true,
+                            mean: false,
+                        };
+                        for c in 0..scatter.channels {
+                            accumulate(sum, c, &rows[c][..len], 0, &parts, block.span, target);
+                        }
+                    }
+                    Lookup::Table { index, .. } => {
+                        let shape = table_rows(scatter.channels);
+                        let index = &index[at..at + len];
+                        scatter_rows(target.as_mut_slice(), shape, index, rows.as_flattened());
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn table_rows(channels: usize) -> Rows {
+    Rows {
+        channels,
+        axis: 1,
+        pitch: TILE,
+    }
+}
+
+/// The parts of segments in a tile.
+struct Parts<'a> {
+    pieces: Pieces<'a>,
+    found: [Part; TILE],
+    count: usize,
+    first: usize,
+}
+
+/// A part of a segment: lanes of the tile, and where they lie in the segment.
+#[derive(Clone, Copy, Default)]
+struct Part {
+    parent: usize,
+    start: usize,
+    end: usize,
+    /// Lanes of the segment before this part.
+    phase: usize,
+    /// Lanes of the segment.
+    len: usize,
+}
+
+impl<'a> Parts<'a> {
+    #[inline(always)]
+    fn new(segments: &'a Segments, start: usize) -> Self {
+        Parts {
+            pieces: segments.pieces(start, 1),
+            found: [Part::default(); TILE],
+            count: 0,
+            first: start,
+        }
+    }
+
+    /// Goes on to the next tile, of `len` lanes.
+    #[inline(always)]
+    fn advance(&mut self, len: usize) {
+        self.pieces.advance(len);
+        self.count = 0;
+        for Piece {
+            parent,
+            lanes,
+            segment,
+        } in self.pieces.by_ref()
+        {
+            self.found[self.count] = Part {
+                parent,
+                start: lanes.start - self.first,
+                end: lanes.end - self.first,
+                phase: lanes.start - segment.start,
+                len: segment.len(),
+            };
+            self.count += 1;
+        }
+        self.first += len;
+    }
+
+    #[inline(always)]
+    fn all(&self) -> &[Part] {
+        &self.found[..self.count]
+    }
+}
+
+/// Fills the rows that a tile reads.
+#[inline(always)]
+fn fill<R: Real>(
+    rows: &mut [Row<R>],
+    sources: &[&[R]],
+    lookups: &[Filled<R>],
+    parts: &Parts,
+    at: usize,
+    len: usize,
+) {
+    for (row, source) in rows.iter_mut().zip(sources) {
+        if !source.is_empty() {
+            load(row, &source[at..at + len]);
+        }
+    }
+    for filled in lookups {
+        let rows = &mut rows[filled.row..filled.row + filled.channels];
+        match filled.lookup {
+            Lookup::Parents { all, pitch } => {
+                for (c, row) in rows.iter_mut().enumerate() {
+                    let parents = &all[c * pitch..(c + 1) * pitch];
+                    for part in parts.all() {
+                        put(row, part, parents[part.parent], false);
+                    }
+                }
+            }
+            Lookup::Table { table, index } => {
+                let shape = table_rows(filled.channels);
+                let index = &index[at..at + len];
+                gather_rows(table, shape, index, rows.as_flattened_mut());
+            }
+        }
+    }
+}
+
+/// Writes a value to the lanes of a part.
+#[inline(always)]
+fn put<R: Real>(row: &mut Row<R>, part: &Part, value: R, add: bool) {
+    if part.end - part.start == TILE {
+        for x in row.iter_mut() {
+            *x = if add { *x + value } else { value };
+        }
+    } else {
+        for x in &mut row[part.start..part.end] {
+            *x = if add { *x + value } else { value };
+        }
+    }
+}
+
+/// The adjoint of a sum over lanes.
+#[inline(always)]
+fn expand<R: Real>(spread: &Spread<R>, row: &mut Row<R>, parts: &Parts) {
+    if !spread.segments {
+        let whole = Part {
+            end: TILE,
+            ..Part::default()
+        };
+        return put(row, &whole, spread.adjoint[0], spread.add);
+    }
+    for part in parts.all() {
+        let value = spread.adjoint[part.parent];
+        let value = match spread.mean {
+            true => value * R::from_f64(1.0 / part.len as f64),
+            false => value,
+        };
+        put(row, part, value, spread.add);
+    }
+}
+
+/// Adds lanes of one channel to a running sum. `target` holds a sum for each parent of the chunk and channel, if by segments,
+/// then open partial sums for each channel; `first` is the position of the tile in the chunk.
+#[inline(always)]
+fn accumulate<R: Real>(
+    sum: Summed,
+    channel: usize,
+    row: &[R],
+    first: usize,
+    parts: &Parts,
+    span: &Span,
+    target: &mut Buffer<R>,
+) {
+    let parents = if sum.segments { span.parents.len() } else { 0 };
+    let (sums, partials) = target.as_mut_slice().split_at_mut(sum.channels * parents);
+    let partial = &mut partials[channel * PARTIALS..(channel + 1) * PARTIALS];
+    if !sum.segments {
+        return spread(partial, first, row);
+    }
+    for part in parts.all() {
+        if part.phase == 0 {
+            partial.fill(R::default());
+        }
+        let lanes = &row[part.start..part.end];
+        spread(partial, part.phase, lanes);
+        if part.phase + lanes.len() == part.len {
+            let total = total(partial);
+            let mean = R::from_f64(1.0 / part.len as f64);
+            let target = &mut sums[channel * parents + part.parent - span.parents.start];
+            *target = *target + if sum.mean { total * mean } else { total };
+        }
+    }
+}
