@@ -3,8 +3,8 @@
 use clap::{Parser, Subcommand};
 
 use super::{
-    diagnose::DiagnoseArguments, evaluate::EvaluateArguments, reconstruct::ReconstructArguments, study::StudyArguments,
-    synthesize::SynthesizeArguments,
+    diagnose::DiagnoseArguments, evaluate::EvaluateArguments, reconstruct::ReconstructArguments,
+    study::StudyArguments, synthesize::SynthesizeArguments,
 };
 
 /// Recovers light, materials and unseen occluders from posed photographs of an object whose shape is known.

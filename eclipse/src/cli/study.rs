@@ -84,7 +84,10 @@ pub(super) fn run(
     let stop = stop_on_interrupt()?;
     let mut cases = Vec::new();
     for (name, label) in &labels {
-        let wanted = arguments.only.as_ref().is_none_or(|part| name.contains(part));
+        let wanted = arguments
+            .only
+            .as_ref()
+            .is_none_or(|part| name.contains(part));
         let folder = arguments.captures.join(name);
         if !wanted || !folder.is_dir() {
             continue;

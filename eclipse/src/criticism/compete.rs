@@ -2,8 +2,8 @@
 
 use super::{
     effects,
-    score::{Score, Screen, paired},
-    statistics::holm,
+    score::{Score, Screen},
+    statistics::{holm, paired},
 };
 
 /// A gain must be this many standard errors.

@@ -157,7 +157,13 @@ pub fn diagnose<'a>(
         .iter()
         .all(|link| link.terms.iter().all(|t| t.frame.is_none()));
     let (first_errors, last_errors) = (&errors[0], &errors[confirmed]);
-    let count = (first_errors.counts[0] + if all_shared { first_errors.counts[1] } else { 0 }).max(1);
+    let count = (first_errors.counts[0]
+        + if all_shared {
+            first_errors.counts[1]
+        } else {
+            0
+        })
+    .max(1);
     let sealed = Sealed {
         chi2_before: first_errors.chi2(all_shared) / count as f64,
         chi2_after: last_errors.chi2(all_shared) / count as f64,
@@ -193,7 +199,11 @@ pub fn diagnose<'a>(
     };
     diagnosis.sentence = verdict::sentence(&diagnosis);
     let after = fits.pop();
-    let before = if fits.is_empty() { None } else { Some(fits.remove(0)) };
+    let before = if fits.is_empty() {
+        None
+    } else {
+        Some(fits.remove(0))
+    };
     let (before, after) = match (before, after) {
         (Some(before), Some(after)) => (before, after),
         (_, Some(only)) => (only.duplicate(&study)?, only),
@@ -266,7 +276,12 @@ fn finding(step: &Step, fit: &Fit, gain: sealed::Gain) -> Finding {
         .find(|a| a.effect.id() == score.id)
         .map_or(&score.beta, |a| &a.beta);
     let named = |values: &[f64]| -> BTreeMap<String, f64> {
-        score.names.iter().cloned().zip(values.iter().copied()).collect()
+        score
+            .names
+            .iter()
+            .cloned()
+            .zip(values.iter().copied())
+            .collect()
     };
     let mut place = BTreeMap::new();
     let strongest = (0..beta.len()).max_by(|&a, &b| {

@@ -3,6 +3,9 @@
 //! Gauss-Newton with conjugate gradients on products of the tape. Each site's own albedo is a random effect with a
 //! deviation τ that is estimated on the way: its contribution to the variance is projected out in closed form.
 
+mod lobe;
+mod spread;
+
 use std::sync::Arc;
 
 use autodiff::{GraphError, RunError};
@@ -16,16 +19,13 @@ use super::{
     precision::Precision,
     scene::Scene,
     study::Study,
-    transport::{Lobe, Transport},
+    transport::Lobe,
 };
 
 /// Products of conjugate gradients a step.
 const PRODUCTS: usize = 30;
 /// The largest change of the logarithm of light a step may make.
 const LARGEST_STEP: f32 = 1.2;
-/// What is expected of the lobe: α = 0.45 within a factor, κ = 0.04.
-const LOBE_PRIOR: [(f32, f32); 2] = [(-0.8, 0.6), (0.04, 0.03)];
-
 /// An effect in the model with its numbers.
 #[derive(Clone)]
 pub struct Active {
@@ -277,11 +277,11 @@ impl Fit {
         r
     }
 
-    fn step(&mut self, study: &Study<'_>, lobe: bool) -> Result<(), FitError> {
+    fn step(&mut self, study: &Study<'_>, with_lobe: bool) -> Result<(), FitError> {
         let precision = self.precision(study, &|i| study.develops(i));
         let r = self.without_own_albedo(study);
         let mut columns: Vec<(Vec<f32>, f32)> = Vec::new();
-        if lobe {
+        if with_lobe {
             columns.extend(self.lobe_columns(study)?);
         }
         let lobes = columns.len();
@@ -361,16 +361,19 @@ impl Fit {
             (0..lights).for_each(|i| self.parameters.light[i] += share * delta[i]);
             (0..textures).for_each(|i| self.parameters.texture[i] += share * delta[lights + i]);
             self.move_effects(&order, &delta[lights + textures + lobes..], share);
-            if lobe && let Some(old) = lobe_before {
+            if with_lobe && let Some(old) = lobe_before {
                 let step = &delta[lights + textures..];
-                self.lobe = Some(moved(old, share * step[0], share * step[1]));
+                self.lobe = Some(lobe::moved(old, share * step[0], share * step[1]));
                 self.formation = study.formation(self.lobe)?;
             }
             self.evaluate(study)?;
             let mut z = self.parameters.light.clone();
             z.extend(&self.parameters.texture);
             let beyond: f64 = (0..columns.len())
-                .map(|k| f64::from(at[lights + textures + k] + share * delta[lights + textures + k]).powi(2))
+                .map(|k| {
+                    f64::from(at[lights + textures + k] + share * delta[lights + textures + k])
+                        .powi(2)
+                })
                 .sum();
             if self.cost(study) + 0.5 * (dot(&z, &z) + beyond) <= before {
                 return Ok(());
@@ -411,125 +414,6 @@ impl Fit {
         formation.pyramid.apply(&scaled, &mut change, 3);
         let largest = change.iter().fold(0.0f32, |m, c| m.max(c.abs()));
         (LARGEST_STEP / largest.max(1e-9)).min(1.0)
-    }
-
-    /// Differences of renders under slightly other lobes, in units of the prior, with where the present lobe lies in it.
-    pub fn lobe_columns(&self, study: &Study<'_>) -> Result<Vec<(Vec<f32>, f32)>, FitError> {
-        let Some(own) = self.lobe else {
-            return Ok(Vec::new());
-        };
-        let value = |lobe: Lobe| {
-            let transport = Transport::new(&study.horizon, &study.seen, Some(lobe));
-            let scene = Scene {
-                transport: &transport,
-                ..self.scene(study)
-            };
-            scene.lit_by(&self.radiance)
-        };
-        let [(log_mean, log_sd), (kappa_mean, kappa_sd)] = LOBE_PRIOR;
-        let step = 0.05f32;
-        let wide = value(Lobe {
-            alpha: own.alpha * step.exp(),
-            ..own
-        });
-        let narrow = value(Lobe {
-            alpha: own.alpha * (-step).exp(),
-            ..own
-        });
-        let low = (own.kappa - 0.01).max(0.0);
-        let high = own.kappa + 0.01;
-        let (more, less) = (
-            value(Lobe {
-                kappa: high,
-                ..own
-            }),
-            value(Lobe { kappa: low, ..own }),
-        );
-        let difference = |a: &[f32], b: &[f32], scale: f32| -> Vec<f32> {
-            (0..a.len())
-                .map(|i| self.slope[i] * scale * (a[i] - b[i]))
-                .collect()
-        };
-        Ok(vec![
-            (
-                difference(&wide, &narrow, log_sd / (2.0 * step)),
-                (own.alpha.ln() - log_mean) / log_sd,
-            ),
-            (
-                difference(&more, &less, kappa_sd / (high - low)),
-                (own.kappa - kappa_mean) / kappa_sd,
-            ),
-        ])
-    }
-
-    /// Each site's own albedo at its best, and how much sites differ.
-    fn site_albedo(&mut self, study: &Study<'_>) -> Result<(), FitError> {
-        let precision = self.precision(study, &|i| study.fits_albedo(i));
-        let r = self.without_own_albedo(study);
-        let own = precision.own(&r);
-        self.parameters.deviation = own.iter().map(|o| o.0).collect();
-        for c in 0..3 {
-            // Without the prior each site's estimate scatters by τ² and its own variance.
-            let (mut sizes, mut errors): (Vec<f64>, Vec<f64>) = own
-                .iter()
-                .skip(c)
-                .step_by(3)
-                .filter_map(|o| {
-                    let free = f64::from(o.1).powi(-2) - self.tau[c].powi(-2);
-                    let estimate = f64::from(o.0) / (f64::from(o.1).powi(2) * free);
-                    (free * 0.04 > 1.0).then(|| (estimate.abs(), 1.0 / free))
-                })
-                .unzip();
-            if sizes.len() > 10 {
-                let spread = super::statistics::median(&mut sizes) / 0.6745;
-                let noise = super::statistics::median(&mut errors);
-                self.tau[c] = (spread * spread - noise).max(0.0).sqrt().clamp(0.002, 0.5);
-            }
-        }
-        self.evaluate(study)
-    }
-
-    /// The scale of the variances, of the surface and of the background, and who is an outlier.
-    fn variances(&mut self, study: &Study<'_>) {
-        let r = self.residual(study);
-        let views = study.seen.views.len();
-        let standard = |i: usize| f64::from(r[i] / study.variance[i].sqrt());
-        let spread = |range: std::ops::Range<usize>| {
-            let mut sizes: Vec<f64> = range
-                .filter(|&i| study.develops(i / 3))
-                .map(|i| standard(i).abs())
-                .collect();
-            let spread = super::statistics::median(&mut sizes) / 0.6745;
-            if spread.is_finite() { spread.powi(2) } else { 1.0 }
-        };
-        // A residual has been fitted already: never take it for much better than the sensor's noise.
-        self.inflation = spread(0..3 * views).max(0.3);
-        self.dark_inflation = spread(3 * views..r.len()).max(0.3);
-        self.trust = (0..r.len())
-            .map(|i| {
-                let scale = self.scale(i, views).sqrt();
-                (3.0 / (standard(i) / scale).abs().max(1e-9)).min(1.0) as f32
-            })
-            .collect();
-    }
-
-    fn scale(&self, i: usize, views: usize) -> f64 {
-        if i < 3 * views {
-            self.inflation
-        } else {
-            self.dark_inflation
-        }
-    }
-}
-
-/// A lobe after a step in units of the prior.
-fn moved(lobe: Lobe, alpha: f32, kappa: f32) -> Lobe {
-    let [(_, log_sd), (_, kappa_sd)] = LOBE_PRIOR;
-    let log = lobe.alpha.ln() + (alpha * log_sd).clamp(-0.3, 0.3);
-    Lobe {
-        alpha: log.exp().clamp(0.08, 1.0),
-        // Some reflection is left, so that its width keeps a slope.
-        kappa: (lobe.kappa + (kappa * kappa_sd).clamp(-0.02, 0.02)).clamp(0.004, 0.9),
     }
 }
 

@@ -307,7 +307,9 @@ impl Bumps {
         }
     }
 
-    fn transpose<T: Copy + Default + From<f32> + std::ops::Mul<Output = T> + std::ops::AddAssign>(
+    fn transpose<
+        T: Copy + Default + From<f32> + std::ops::Mul<Output = T> + std::ops::AddAssign,
+    >(
         &self,
         columns: usize,
         input: &[T],

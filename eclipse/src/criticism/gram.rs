@@ -120,7 +120,11 @@ mod tests {
     #[test]
     fn products_are_those_of_columns() {
         let columns: Vec<Vec<f32>> = (0..21)
-            .map(|c| (0..130).map(|r| ((r * 7 + c * 13) % 11) as f32 - 5.0).collect())
+            .map(|c| {
+                (0..130)
+                    .map(|r| ((r * 7 + c * 13) % 11) as f32 - 5.0)
+                    .collect()
+            })
             .collect();
         let rows: Vec<usize> = (0..130).filter(|r| r % 3 != 0).collect();
         let matrix = Matrix::from_columns(&columns, &rows);

@@ -107,22 +107,24 @@ impl Jacobian {
         fit: &Fit,
         effect: &'static dyn Effect,
     ) -> Result<Candidate, FitError> {
-        let terms = Arc::new(effect.terms(&fit.scene(study)));
+        let mut terms = effect.terms(&fit.scene(study));
         let mut columns = Vec::with_capacity(terms.len());
-        if !terms.is_empty() {
+        // A few at a time: at their null terms do not see each other, and the tape holds all that it is given.
+        for group in groups(&mut terms) {
+            let group = Arc::new(group);
             let mut links = fit.links.clone();
             links.push(Link {
                 effect,
-                terms: terms.clone(),
+                terms: group.clone(),
             });
             let mut chain = Chain::new(&links, study.seen.len())?;
-            let betas = fit.betas(&chain);
             let own = chain
                 .links()
                 .iter()
                 .position(|link| link.effect.id() == effect.id());
+            let betas = fit.betas(&chain);
             chain.bind(&fit.ideal, &betas)?;
-            for (k, term) in terms.iter().enumerate() {
+            for (k, term) in group.iter().enumerate() {
                 let scale = term.scale as f32;
                 let column = chain.column(own.unwrap_or(0), k)?;
                 columns.push(column.iter().map(|x| scale * x).collect::<Vec<f32>>());
@@ -145,25 +147,6 @@ impl Jacobian {
         columns
             .par_iter_mut()
             .for_each(|column| self.precision.whiten(column));
-        let terms = Arc::try_unwrap(terms).unwrap_or_else(|shared| {
-            shared
-                .iter()
-                .map(|t| Term {
-                    name: t.name.clone(),
-                    scale: t.scale,
-                    least: t.least,
-                    field: Vec::new(),
-                    frame: t.frame,
-                })
-                .collect()
-        });
-        let terms = terms
-            .into_iter()
-            .map(|term| Term {
-                field: Vec::new(),
-                ..term
-            })
-            .collect();
         Ok(Candidate {
             effect,
             terms,
@@ -173,12 +156,26 @@ impl Jacobian {
     }
 }
 
+/// Terms a chain holds at once.
+const GROUP: usize = 12;
+
+/// The terms in groups; what is left behind keeps names and bounds without the fields.
+fn groups(terms: &mut [Term]) -> Vec<Vec<Term>> {
+    terms
+        .chunks_mut(GROUP)
+        .map(|group| {
+            let moved = |term: &mut Term| Term {
+                name: term.name.clone(),
+                field: std::mem::take(&mut term.field),
+                ..*term
+            };
+            group.iter_mut().map(moved).collect()
+        })
+        .collect()
+}
+
 /// Derivatives by the directions of light that matter.
-fn light(
-    study: &Study<'_>,
-    fit: &Fit,
-    precision: &Precision,
-) -> Result<Vec<Vec<f32>>, FitError> {
+fn light(study: &Study<'_>, fit: &Fit, precision: &Precision) -> Result<Vec<Vec<f32>>, FitError> {
     let formation = &fit.formation;
     let views = study.seen.views.len();
     let levels = formation.pyramid.len();
@@ -206,8 +203,7 @@ fn light(
         for v in 0..views {
             for (probe, column) in columns.iter().enumerate() {
                 for c in 0..3 {
-                    cotangent[v * width + 3 * probe + c] =
-                        fit.slope[3 * v + c] * column[3 * v + c];
+                    cotangent[v * width + 3 * probe + c] = fit.slope[3 * v + c] * column[3 * v + c];
                 }
             }
         }

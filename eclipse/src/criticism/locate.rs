@@ -60,12 +60,21 @@ pub fn hot_spots(study: &Study<'_>, fit: &Fit, most: usize) -> Vec<HotSpot> {
     }
     let z: Vec<f64> = cells
         .iter()
-        .map(|cell| if cell.1 > 0.0 { cell.0 / cell.1.sqrt() } else { 0.0 })
+        .map(|cell| {
+            if cell.1 > 0.0 {
+                cell.0 / cell.1.sqrt()
+            } else {
+                0.0
+            }
+        })
         .collect();
     // The model's own error scatters the means of nulls too: their middle tells how much.
     let mut sizes: Vec<f64> = z.iter().map(|z| z.abs()).filter(|z| *z > 0.0).collect();
     let spread = (super::statistics::median(&mut sizes) / 0.6745).max(1.0);
-    let p: Vec<f64> = z.iter().map(|z| 2.0 * normal_tail(z.abs() / spread)).collect();
+    let p: Vec<f64> = z
+        .iter()
+        .map(|z| 2.0 * normal_tail(z.abs() / spread))
+        .collect();
     let found = discoveries(&p, 0.01);
     let mut order: Vec<usize> = (0..z.len()).filter(|&k| found[k]).collect();
     order.sort_by(|&a, &b| z[b].abs().total_cmp(&z[a].abs()).then(a.cmp(&b)));
@@ -175,11 +184,51 @@ pub fn axes(study: &Study<'_>, before: &Fit, after: &Fit) -> Vec<Axis> {
     let frame = |v: usize| f64::from(views[v].frame);
     let frames = study.seen.frames as f64 - 0.5;
     vec![
-        axis(study, before, after, "frame", study.seen.frames, [-0.5, frames], &frame),
-        axis(study, before, after, "distance from the image's middle (1 in the corners)", 10, [0.0, 0.8], &radius),
-        axis(study, before, after, "level (of the middle one)", 12, [0.0, 3.0], &level),
-        axis(study, before, after, "facing the camera (n·v)", 8, [0.3, 1.0], &facing),
-        axis(study, before, after, "openness (1 on a convex shape)", 8, [0.2, 1.0], &open),
+        axis(
+            study,
+            before,
+            after,
+            "frame",
+            study.seen.frames,
+            [-0.5, frames],
+            &frame,
+        ),
+        axis(
+            study,
+            before,
+            after,
+            "distance from the image's middle (1 in the corners)",
+            10,
+            [0.0, 0.8],
+            &radius,
+        ),
+        axis(
+            study,
+            before,
+            after,
+            "level (of the middle one)",
+            12,
+            [0.0, 3.0],
+            &level,
+        ),
+        axis(
+            study,
+            before,
+            after,
+            "facing the camera (n·v)",
+            8,
+            [0.3, 1.0],
+            &facing,
+        ),
+        axis(
+            study,
+            before,
+            after,
+            "openness (1 on a convex shape)",
+            8,
+            [0.2, 1.0],
+            &open,
+        ),
     ]
 }
 

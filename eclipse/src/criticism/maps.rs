@@ -73,9 +73,8 @@ fn model(outcome: &Outcome<'_>, fit: &Fit, t: usize) -> Image {
         .filter(|(_, view)| view.frame as usize == t)
         .map(|(v, view)| {
             let there = sample(render, view.at);
-            let ratio = [0, 1, 2].map(|c| {
-                (fit.value[3 * v + c].max(floor) / there[c].max(floor)).clamp(0.1, 10.0)
-            });
+            let ratio = [0, 1, 2]
+                .map(|c| (fit.value[3 * v + c].max(floor) / there[c].max(floor)).clamp(0.1, 10.0));
             (view.at, ratio)
         })
         .collect();

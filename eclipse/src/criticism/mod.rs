@@ -2,6 +2,7 @@
 
 pub mod chain;
 pub mod compete;
+pub mod dark;
 pub mod diagnose;
 pub mod diagnosis;
 pub mod effects;
@@ -16,6 +17,8 @@ pub mod observe;
 pub mod page;
 pub mod plot;
 pub mod precision;
+pub mod reduce;
+pub mod scatter;
 pub mod scene;
 pub mod score;
 pub mod sealed;

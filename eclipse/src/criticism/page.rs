@@ -29,7 +29,11 @@ pub fn write(folder: &Path, outcome: &Outcome<'_>) -> Result<(), PageError> {
     fs::create_dir_all(folder.join("maps"))?;
     let frames = maps::frames(outcome);
     for (t, frame) in frames.iter().enumerate() {
-        let name = |what: &str| folder.join("maps").join(format!("{what}-{}", layout::numbered(t)));
+        let name = |what: &str| {
+            folder
+                .join("maps")
+                .join(format!("{what}-{}", layout::numbered(t)))
+        };
         let rgb = ["R", "G", "B"];
         write_exr(&name("residual-before"), &frame.residual[0], &rgb)?;
         write_exr(&name("residual-after"), &frame.residual[1], &rgb)?;
@@ -112,7 +116,12 @@ fn finding(f: &Finding) -> String {
 
 fn pictures(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, PageError> {
     // The frames with the largest hot spots, then evenly spread ones.
-    let mut order: Vec<usize> = outcome.diagnosis.hot_spots.iter().map(|s| s.frame).collect();
+    let mut order: Vec<usize> = outcome
+        .diagnosis
+        .hot_spots
+        .iter()
+        .map(|s| s.frame)
+        .collect();
     let step = frames.len().div_ceil(SHOWN).max(1);
     order.extend((0..frames.len()).step_by(step));
     let mut shown: Vec<usize> = Vec::new();
@@ -121,20 +130,38 @@ fn pictures(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, Page
             shown.push(t);
         }
     }
-    let photographs: Vec<&Image> = outcome.study.capture.frames.iter().map(|f| &f.image).collect();
-    let mut values: Vec<f32> = photographs.iter().flat_map(|i| i.data.iter().copied()).collect();
+    let photographs: Vec<&Image> = outcome
+        .study
+        .capture
+        .frames
+        .iter()
+        .map(|f| &f.image)
+        .collect();
+    let mut values: Vec<f32> = photographs
+        .iter()
+        .flat_map(|i| i.data.iter().copied())
+        .collect();
     values.sort_unstable_by(f32::total_cmp);
-    let white = values.get(values.len() * 995 / 1000).map_or(1.0, |v| v.max(1e-6));
+    let white = values
+        .get(values.len() * 995 / 1000)
+        .map_or(1.0, |v| v.max(1e-6));
     let mut rows = String::new();
     for t in shown {
         let maps = &frames[t];
         let cells = [
-            picture(photographs[t], |p| [0, 1, 2].map(|c| linear_to_srgb(p[c] / white)))?,
-            picture(&maps.model, |p| [0, 1, 2].map(|c| linear_to_srgb(p[c] / white)))?,
+            picture(photographs[t], |p| {
+                [0, 1, 2].map(|c| linear_to_srgb(p[c] / white))
+            })?,
+            picture(&maps.model, |p| {
+                [0, 1, 2].map(|c| linear_to_srgb(p[c] / white))
+            })?,
             picture(&maps.significance[0], |p| diverging(p[0] / RANGE))?,
             picture(&maps.significance[1], |p| diverging(p[0] / RANGE))?,
         ];
-        rows += &format!("<tr><td>{t}</td>{}</tr>", cells.map(|c| format!("<td>{c}</td>")).concat());
+        rows += &format!(
+            "<tr><td>{t}</td>{}</tr>",
+            cells.map(|c| format!("<td>{c}</td>")).concat()
+        );
     }
     Ok(format!(
         "<h2>Photograph, model, residual in σ before and after</h2><p>Red: the photograph is brighter; blue: darker; full colour at ±{RANGE} σ, \
@@ -252,7 +279,9 @@ fn escaped(text: &str) -> String {
 #[derive(Debug, thiserror::Error)]
 pub enum PageError {
     /// A file.
-    #[error("cannot write the diagnosis: {0}; check that the folder may be written and the disk is not full")]
+    #[error(
+        "cannot write the diagnosis: {0}; check that the folder may be written and the disk is not full"
+    )]
     Io(#[from] io::Error),
     /// An image.
     #[error(transparent)]

@@ -38,7 +38,11 @@ pub fn axis(axis: &Axis) -> String {
         .chain(lower.map(|(a, e)| format!("{:.1},{:.1} ", x(*a), y(-2.0 * e))))
         .collect();
     let label = |v: f64, text: String| {
-        format!("<text x=\"{:.0}\" y=\"{:.0}\" text-anchor=\"end\">{text}</text>", LEFT - 5.0, y(v) + 4.0)
+        format!(
+            "<text x=\"{:.0}\" y=\"{:.0}\" text-anchor=\"end\">{text}</text>",
+            LEFT - 5.0,
+            y(v) + 4.0
+        )
     };
     format!(
         "<svg width=\"{WIDTH}\" height=\"{HEIGHT}\" font-size=\"11\" role=\"img\"><polygon points=\"{band}\" fill=\"#e5e7eb\"/>\

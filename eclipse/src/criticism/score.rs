@@ -4,15 +4,15 @@
 //! models predict the patches left out. Gains are sums of squares in units of the noise.
 
 use rayon::prelude::*;
-use render::sampler::SampleKey;
 
 use super::{
     effects::Term,
     gram::Matrix,
     linear::{Cholesky, bounded},
     linearise::{Candidate, Jacobian},
+    reduce::{Layout, Reduced},
     split::{FOLDS, Role},
-    statistics::normal_tail,
+    statistics::{paired, sign_flips},
     study::Study,
 };
 
@@ -61,24 +61,6 @@ struct Colour {
     /// Gram matrices by fold.
     folds: Vec<Vec<f64>>,
     total: Vec<f64>,
-}
-
-/// Columns and rows of the problem.
-struct Layout {
-    nuisance: usize,
-    always: usize,
-    /// Columns of each candidate.
-    own: Vec<std::ops::Range<usize>>,
-    columns: usize,
-    /// Observations of development, fold after fold, and where folds begin.
-    rows: Vec<usize>,
-    starts: Vec<usize>,
-}
-
-impl Layout {
-    fn residual(&self) -> usize {
-        self.nuisance + self.always
-    }
 }
 
 /// Scores all candidates at this linearisation.
@@ -229,89 +211,6 @@ impl Colour {
     }
 }
 
-/// A training set with the nuisance eliminated.
-struct Reduced {
-    factor: Cholesky,
-    /// L⁻¹ of the nuisance's products with all later columns, `[nuisance][column − nuisance]`.
-    half: Vec<f64>,
-    /// Products of the later columns among themselves after the elimination, `[column][column]` from the first later one.
-    schur: Vec<f64>,
-    later: usize,
-}
-
-impl Reduced {
-    fn new(gram: &[f64], layout: &Layout) -> Self {
-        let (n, all) = (layout.nuisance, layout.columns);
-        let later = all - n;
-        let mut system = vec![0.0; n * n];
-        for i in 0..n {
-            system[i * n..(i + 1) * n].copy_from_slice(&gram[i * all..i * all + n]);
-            // The prior: deviations are units of the coordinates.
-            system[i * n + i] += 1.0;
-        }
-        let factor = Cholesky::new(&system, n, n);
-        let mut half = vec![0.0; n * later];
-        for i in 0..n {
-            half[i * later..(i + 1) * later]
-                .copy_from_slice(&gram[i * all + n..(i + 1) * all]);
-        }
-        factor.forward(&mut half, later);
-        let mut schur = vec![0.0; later * later];
-        let head = layout.always + 1;
-        let mut subtract = |a: std::ops::Range<usize>, b: std::ops::Range<usize>| {
-            for i in a {
-                let row = &mut schur[i * later..(i + 1) * later];
-                for j in b.clone() {
-                    row[j] = gram[(n + i) * all + n + j];
-                }
-                for k in 0..n {
-                    let factor = half[k * later + i];
-                    let source = &half[k * later..(k + 1) * later];
-                    for j in b.clone() {
-                        row[j] -= factor * source[j];
-                    }
-                }
-            }
-        };
-        subtract(0..head, 0..later);
-        for own in &layout.own {
-            let own = own.start - n..own.end - n;
-            subtract(own.clone(), own);
-        }
-        Self {
-            factor,
-            half,
-            schur,
-            later,
-        }
-    }
-
-    /// Weights of nuisance and constant columns that predict a row's residual, for the coefficients `beta` of the constant
-    /// columns and those of candidate `k`.
-    fn predictor(&self, beta: &[f64], layout: &Layout, k: Option<usize>) -> Vec<f64> {
-        let n = layout.nuisance;
-        let mut theta: Vec<f64> = (0..n)
-            .map(|i| {
-                let row = &self.half[i * self.later..(i + 1) * self.later];
-                let mut sum = row[layout.always];
-                for (b, x) in beta[..layout.always].iter().zip(row) {
-                    sum -= b * x;
-                }
-                if let Some(k) = k {
-                    let own = layout.own[k].start - n..layout.own[k].end - n;
-                    for (b, x) in beta[layout.always..].iter().zip(&row[own]) {
-                        sum -= b * x;
-                    }
-                }
-                sum
-            })
-            .collect();
-        self.factor.backward(&mut theta, 1);
-        theta.extend(&beta[..layout.always]);
-        theta
-    }
-}
-
 /// Coefficients of the constant columns and of candidate `k` together, and the standard errors of the latter.
 fn solve(
     reduced: &[Reduced],
@@ -441,47 +340,6 @@ fn score(
         names: candidate.terms.iter().map(|t| t.name.clone()).collect(),
         frames: candidate.terms.iter().map(|t| t.frame).collect(),
     }
-}
-
-/// The sum of differences and its standard error from their scatter.
-pub fn paired(differences: &[f64]) -> (f64, f64) {
-    let n = differences.len() as f64;
-    let sum: f64 = differences.iter().sum();
-    if n < 2.0 {
-        return (sum, f64::INFINITY);
-    }
-    let mean = sum / n;
-    let squares: f64 = differences.iter().map(|d| (d - mean).powi(2)).sum();
-    (sum, (squares * n / (n - 1.0)).sqrt())
-}
-
-/// How often random signs of the blocks give as large a sum; beyond what sampling resolves, the normal approximation.
-pub fn sign_flips(differences: &[f64]) -> f64 {
-    const DRAWS: usize = 4000;
-    let sum: f64 = differences.iter().sum();
-    let power: f64 = differences.iter().map(|d| d * d).sum::<f64>().sqrt();
-    if power == 0.0 || sum <= 0.0 {
-        return 1.0;
-    }
-    let mut stream = SampleKey {
-        dimension: 74,
-        ..SampleKey::default()
-    }
-    .stream();
-    let as_large = (0..DRAWS)
-        .filter(|_| {
-            let flipped: f64 = differences
-                .iter()
-                .map(|d| if stream.uniform() < 0.5 { -d } else { *d })
-                .sum();
-            flipped >= sum
-        })
-        .count();
-    if as_large >= 10 {
-        return as_large as f64 / DRAWS as f64;
-    }
-    let (_, error) = paired(differences);
-    normal_tail(sum / error.max(1e-300)).max(1e-300)
 }
 
 fn inner(weights: &[f64], values: &[f32]) -> f64 {

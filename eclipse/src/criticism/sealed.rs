@@ -2,8 +2,8 @@
 
 use super::{
     fit::Fit,
-    score::{paired, sign_flips},
     split::Role,
+    statistics::{paired, sign_flips},
     study::Study,
 };
 

@@ -1,5 +1,7 @@
 //! The few distributions and robust measures that tests need.
 
+use render::sampler::SampleKey;
+
 /// The standard normal distribution function (Abramowitz & Stegun 7.1.26 is too coarse in the tails; this is W. J. Cody's
 /// continued fraction for large arguments and the series for small ones).
 pub fn normal_cdf(x: f64) -> f64 {
@@ -65,6 +67,47 @@ pub fn discoveries(p: &[f64], q: f64) -> Vec<bool> {
     let mut found = vec![false; p.len()];
     order[..count].iter().for_each(|&i| found[i] = true);
     found
+}
+
+/// The sum of differences and its standard error from their scatter.
+pub fn paired(differences: &[f64]) -> (f64, f64) {
+    let n = differences.len() as f64;
+    let sum: f64 = differences.iter().sum();
+    if n < 2.0 {
+        return (sum, f64::INFINITY);
+    }
+    let mean = sum / n;
+    let squares: f64 = differences.iter().map(|d| (d - mean).powi(2)).sum();
+    (sum, (squares * n / (n - 1.0)).sqrt())
+}
+
+/// How often random signs of the blocks give as large a sum; beyond what sampling resolves, the normal approximation.
+pub fn sign_flips(differences: &[f64]) -> f64 {
+    const DRAWS: usize = 4000;
+    let sum: f64 = differences.iter().sum();
+    let power: f64 = differences.iter().map(|d| d * d).sum::<f64>().sqrt();
+    if power == 0.0 || sum <= 0.0 {
+        return 1.0;
+    }
+    let mut stream = SampleKey {
+        dimension: 74,
+        ..SampleKey::default()
+    }
+    .stream();
+    let as_large = (0..DRAWS)
+        .filter(|_| {
+            let flipped: f64 = differences
+                .iter()
+                .map(|d| if stream.uniform() < 0.5 { -d } else { *d })
+                .sum();
+            flipped >= sum
+        })
+        .count();
+    if as_large >= 10 {
+        return as_large as f64 / DRAWS as f64;
+    }
+    let (_, error) = paired(differences);
+    normal_tail(sum / error.max(1e-300)).max(1e-300)
 }
 
 #[cfg(test)]

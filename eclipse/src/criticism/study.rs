@@ -2,12 +2,7 @@
 
 use std::{path::Path, sync::Arc};
 
-use render::{
-    bvh::Bvh,
-    image::Image,
-    lat_long::LatLong,
-    mesh::MeshError,
-};
+use render::{bvh::Bvh, image::Image, lat_long::LatLong, mesh::MeshError};
 
 use super::{
     fit::FitError,
@@ -63,7 +58,12 @@ impl Simulation {
             .map(|t| image_io::read_exr(&numbered(layout::RENDERS, t)))
             .collect::<Result<_, _>>()?;
         let materials: Vec<Image> = (0..frames)
-            .map(|t| Ok(materials_of(&image_io::read_exr_file(&numbered(layout::MATERIALS, t))?)))
+            .map(|t| {
+                Ok(materials_of(&image_io::read_exr_file(&numbered(
+                    layout::MATERIALS,
+                    t,
+                ))?))
+            })
             .collect::<Result<_, ImageIoError>>()?;
         // A run without occluders leaves none.
         let occluders = if numbered(layout::OCCLUDERS, 0).is_file() {
@@ -169,7 +169,9 @@ impl<'a> Study<'a> {
                 }
             })
             .collect();
-        let (value, variance) = (0..seen.len()).map(|i| seen.value(i)).unzip::<_, _, Vec<_>, Vec<_>>();
+        let (value, variance) = (0..seen.len())
+            .map(|i| seen.value(i))
+            .unzip::<_, _, Vec<_>, Vec<_>>();
         Ok(Self {
             capture,
             noise,

@@ -45,10 +45,9 @@ impl Case {
             truth: truth.to_vec(),
             verdict: d.verdict,
             found: d.effects.iter().map(|e| e.id.to_owned()).collect(),
-            ambiguous_with: d
-                .effects
-                .first()
-                .map_or(Vec::new(), |e| e.ambiguous_with.iter().map(|s| (*s).to_owned()).collect()),
+            ambiguous_with: d.effects.first().map_or(Vec::new(), |e| {
+                e.ambiguous_with.iter().map(|s| (*s).to_owned()).collect()
+            }),
             first: physics.map_or(String::new(), |r| r.id.to_owned()),
             first_gain: physics.map_or([0.0; 2], |r| [r.gain, r.gain_se]),
             sealed_gain: d.effects.iter().map(|e| e.sealed_gain).sum(),
@@ -113,9 +112,8 @@ impl Scores {
     pub fn new(captures: Vec<Case>) -> Self {
         let share = |of: &dyn Fn(&&Case) -> bool, hit: &dyn Fn(&Case) -> bool| {
             let chosen: Vec<&Case> = captures.iter().filter(|c| of(c)).collect();
-            (!chosen.is_empty()).then(|| {
-                chosen.iter().filter(|c| hit(c)).count() as f64 / chosen.len() as f64
-            })
+            (!chosen.is_empty())
+                .then(|| chosen.iter().filter(|c| hit(c)).count() as f64 / chosen.len() as f64)
         };
         let outside = |c: &Case| c.truth.iter().any(|t| t == OUTSIDE);
         let single = |c: &&Case| c.truth.len() == 1 && !outside(c);
@@ -131,7 +129,11 @@ impl Scores {
                 .first()
                 .cloned()
                 .unwrap_or_else(|| "nothing".to_owned());
-            *confusion.entry(truth).or_default().entry(named).or_default() += 1;
+            *confusion
+                .entry(truth)
+                .or_default()
+                .entry(named)
+                .or_default() += 1;
         }
         Self {
             top1: share(&single, &Case::top1),

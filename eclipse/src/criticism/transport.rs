@@ -118,8 +118,7 @@ impl Transport {
         let mut rows: Vec<&mut [[f32; 2]]> = Vec::with_capacity(self.views());
         let mut rest = weight.as_mut_slice();
         for v in 0..self.views() {
-            let (row, after) =
-                rest.split_at_mut((self.offsets[v + 1] - self.offsets[v]) as usize);
+            let (row, after) = rest.split_at_mut((self.offsets[v + 1] - self.offsets[v]) as usize);
             rows.push(row);
             rest = after;
         }
@@ -143,6 +142,19 @@ impl Transport {
             .par_chunks_mut(2 * columns)
             .enumerate()
             .for_each(|(view, out)| {
+                if columns == 3 {
+                    let mut sums = [T::default(); 6];
+                    for (texel, [d, s]) in self.row(view) {
+                        let (d, s) = (T::from(d), T::from(s));
+                        let source: &[T; 3] = &input.as_chunks().0[texel];
+                        for c in 0..3 {
+                            sums[c] += d * source[c];
+                            sums[3 + c] += s * source[c];
+                        }
+                    }
+                    out.copy_from_slice(&sums);
+                    return;
+                }
                 out.fill(T::default());
                 let (diffuse, specular) = out.split_at_mut(columns);
                 for (texel, [d, s]) in self.row(view) {
@@ -165,6 +177,16 @@ impl Transport {
                 for view in chunk * size..((chunk + 1) * size).min(self.views()) {
                     let (diffuse, specular) =
                         input[2 * view * columns..][..2 * columns].split_at(columns);
+                    if columns == 3 {
+                        for (texel, [d, s]) in self.row(view) {
+                            let (d, s) = (T::from(d), T::from(s));
+                            let target: &mut [T; 3] = &mut sum.as_chunks_mut().0[texel];
+                            for c in 0..3 {
+                                target[c] += d * diffuse[c] + s * specular[c];
+                            }
+                        }
+                        continue;
+                    }
                     for (texel, [d, s]) in self.row(view) {
                         let (d, s) = (T::from(d), T::from(s));
                         let target = &mut sum[texel * columns..][..columns];
@@ -185,7 +207,14 @@ impl Transport {
 
 /// What the two precisions of the tape have in common here.
 trait Number:
-    Copy + Default + From<f32> + Mul<Output = Self> + std::ops::Add<Output = Self> + AddAssign + Send + Sync
+    Copy
+    + Default
+    + From<f32>
+    + Mul<Output = Self>
+    + std::ops::Add<Output = Self>
+    + AddAssign
+    + Send
+    + Sync
 {
 }
 impl Number for f32 {}

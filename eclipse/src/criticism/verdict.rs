@@ -43,7 +43,11 @@ pub fn verdict(found: &[Finding], ranking: &[Ranked], structured: [f64; 2]) -> V
 /// The sentence a person reads first.
 pub fn sentence(d: &Diagnosis) -> String {
     let place = d.hot_spots.first().map_or(String::new(), |spot| {
-        let sign = if spot.sigma > 0.0 { "brighter" } else { "darker" };
+        let sign = if spot.sigma > 0.0 {
+            "brighter"
+        } else {
+            "darker"
+        };
         format!(
             "Frame {} is up to {:.1} % {sign} than its simulation around pixel ({:.0}, {:.0}). ",
             spot.frame,
@@ -64,11 +68,7 @@ pub fn sentence(d: &Diagnosis) -> String {
             names.join(" together with ")
         ),
         Verdict::Ambiguous => {
-            let others: Vec<&str> = d.effects[0]
-                .ambiguous_with
-                .iter()
-                .copied()
-                .collect();
+            let others: Vec<&str> = d.effects[0].ambiguous_with.iter().copied().collect();
             format!(
                 "{place}{} explains {explained:.0} % of the structured mismatch, but {} would do as well; {chi2}.",
                 names.join(" together with "),
@@ -94,7 +94,10 @@ pub fn sentence(d: &Diagnosis) -> String {
             let part = if names.is_empty() {
                 String::new()
             } else {
-                format!(" {} explains only {explained:.0} % of it.", names.join(" together with "))
+                format!(
+                    " {} explains only {explained:.0} % of it.",
+                    names.join(" together with ")
+                )
             };
             format!(
                 "{place}Something is missing that none of the known effects explains; see the maps for where.{part}"

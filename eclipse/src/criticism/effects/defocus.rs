@@ -22,7 +22,12 @@ impl Effect for Defocus {
         Stage::Optics
     }
     fn confused_with(&self) -> &'static [&'static str] {
-        &["finer_albedo", "veiling_glare", "pose_error", "translucency"]
+        &[
+            "finer_albedo",
+            "veiling_glare",
+            "pose_error",
+            "translucency",
+        ]
     }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         [1.0f32, 2.0]

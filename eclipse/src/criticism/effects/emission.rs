@@ -20,7 +20,12 @@ impl Effect for Emission {
         Stage::Material
     }
     fn confused_with(&self) -> &'static [&'static str] {
-        &["finer_albedo", "interreflection", "black_level", "translucency"]
+        &[
+            "finer_albedo",
+            "interreflection",
+            "black_level",
+            "translucency",
+        ]
     }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         let typical = scene.typical();

@@ -31,7 +31,11 @@ impl Effect for GroundBounce {
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         let lowest = scene.bvh.mesh().bounds()[0].z;
         let mut terms = Vec::new();
-        for (name, gap) in [("touching it", 0.01), ("0.1 radii below", 0.1), ("0.3 radii below", 0.3)] {
+        for (name, gap) in [
+            ("touching it", 0.01),
+            ("0.1 radii below", 0.1),
+            ("0.3 radii below", 0.3),
+        ] {
             let plane = Plane::new(scene, lowest - gap * scene.radius);
             let whole = plane.change(scene);
             for c in 0..3 {

@@ -76,7 +76,11 @@ fn reflected(scene: &Scene<'_>) -> Vec<[f32; 3]> {
                     let nearest = (0..sites.len()).min_by(|&a, &b| {
                         let d = |i: usize| {
                             let p = &sites[i].point;
-                            let away = if p.normal.dot(direction) > 0.0 { 4.0 } else { 1.0 };
+                            let away = if p.normal.dot(direction) > 0.0 {
+                                4.0
+                            } else {
+                                1.0
+                            };
                             away * p.position.distance_squared(there)
                         };
                         d(a).total_cmp(&d(b))

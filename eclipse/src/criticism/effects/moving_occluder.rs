@@ -65,8 +65,7 @@ pub(super) fn blocked_light(
             let albedo = scene.albedo_of(v);
             let mut cells = vec![[0.0f32; 3]; CameraGrid::CELLS];
             for (texel, [d, s]) in scene.transport.row(v) {
-                let from =
-                    shell_direction(point, scene.horizon.directions[texel], eye.length());
+                let from = shell_direction(point, scene.horizon.directions[texel], eye.length());
                 let sum = &mut cells[CameraGrid::cell(from, azimuths[view.frame as usize])];
                 for c in 0..3 {
                     sum[c] += (albedo[c] * d + s) * light(texel, c);

@@ -5,11 +5,7 @@ use rayon::prelude::*;
 use render::math::Frame;
 
 use super::{Effect, Stage, Term};
-use crate::criticism::{
-    formation::Bumps,
-    scene::Scene,
-    transport::reflect,
-};
+use crate::criticism::{formation::Bumps, scene::Scene, transport::reflect};
 
 /// δn(x), tangent to the surface, smooth over parts of it.
 pub struct NormalError;

@@ -34,13 +34,7 @@ impl Effect for SpecularLobe {
             })
             .map(|alpha| {
                 // The lobe's response to κ, from two reflectances: it is linear but for Schlick's edge.
-                let (none, some) = (
-                    Lobe { alpha, kappa: 0.0 },
-                    Lobe {
-                        alpha,
-                        kappa: 0.04,
-                    },
-                );
+                let (none, some) = (Lobe { alpha, kappa: 0.0 }, Lobe { alpha, kappa: 0.04 });
                 let views: Vec<[f32; 3]> = (0..scene.seen.views.len())
                     .into_par_iter()
                     .map(|v| {

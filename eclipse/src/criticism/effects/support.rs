@@ -62,9 +62,7 @@ pub fn gradient(image: &Image, [x, y]: [f32; 2]) -> ([f32; 3], [f32; 3]) {
 pub struct CameraGrid;
 
 /// Borders of the cells in azimuth from the camera, degrees.
-const AZIMUTHS: [f32; 9] = [
-    -180.0, -90.0, -45.0, -24.0, -8.0, 8.0, 24.0, 45.0, 90.0,
-];
+const AZIMUTHS: [f32; 9] = [-180.0, -90.0, -45.0, -24.0, -8.0, 8.0, 24.0, 45.0, 90.0];
 /// Borders of the cells in height (sine of elevation).
 const HEIGHTS: [f32; 6] = [-1.0, -0.6, -0.25, 0.1, 0.4, 0.75];
 
