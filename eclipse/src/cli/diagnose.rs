@@ -4,7 +4,7 @@ use std::{
     cell::RefCell,
     io::Write,
     path::{Path, PathBuf},
-    sync::atomic::AtomicBool,
+    sync::atomic::{AtomicBool, Ordering},
 };
 
 use clap::Args;
@@ -13,7 +13,7 @@ use super::{Failure, Outcome, print, stop_on_interrupt, units};
 use crate::{
     capture::{Capture, LoadOptions},
     control::Control,
-    criticism::{self, Diagnosis, Options, Simulation, page},
+    criticism::{self, DiagnoseError, Diagnosis, Options, Simulation, page},
     reconstruct,
     reconstruction::Ended,
     settings::Settings,
@@ -99,12 +99,12 @@ pub(super) fn run(
             .threads
             .map_or(Settings::default().threads, usize::from),
     };
-    let Some(diagnosis) = diagnose(&job, stop_on_interrupt()?, &mut |text| {
+    let mut told = |text: &str| {
         if !arguments.json {
             let _ = writeln!(err, "{text} …");
         }
-    })?
-    else {
+    };
+    let Some(diagnosis) = diagnose(&job, stop_on_interrupt()?, &mut told, &mut |_| Ok(()))? else {
         return Ok(Outcome::Interrupted);
     };
     let text = if arguments.json {
@@ -121,6 +121,7 @@ pub(super) fn diagnose(
     job: &Job<'_>,
     stop: &AtomicBool,
     report: &mut dyn FnMut(&str),
+    inspect: &mut dyn FnMut(&criticism::Outcome<'_>) -> Result<(), DiagnoseError>,
 ) -> Result<Option<Diagnosis>, Failure> {
     let options = LoadOptions {
         mesh: job.mesh.clone(),
@@ -165,12 +166,22 @@ pub(super) fn diagnose(
         time_limit: Some((job.time_limit - began.elapsed().as_secs_f64()).max(1.0)),
         ..Options::default()
     };
-    // The pool's own thread does the work; what it is doing is passed on by a cell.
     let told = RefCell::new(report);
     let outcome = criticism::diagnose(&capture, &simulation, &options, &|text| {
         (told.borrow_mut())(text);
-    })
-    .map_err(Failure::failed)?;
+        !stop.load(Ordering::Relaxed)
+    });
+    let outcome = match outcome {
+        Err(DiagnoseError::Interrupted) => return Ok(None),
+        Err(error @ DiagnoseError::Unknown(_)) => {
+            return Err(Failure {
+                outcome: Outcome::Usage,
+                message: error.to_string(),
+            });
+        }
+        other => other.map_err(Failure::failed)?,
+    };
+    inspect(&outcome).map_err(Failure::failed)?;
     if let Some(folder) = job.out {
         page::write(folder, &outcome).map_err(Failure::failed)?;
     }

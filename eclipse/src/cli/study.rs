@@ -11,7 +11,11 @@ use serde::Deserialize;
 
 use super::{Failure, Outcome, diagnose, print, stop_on_interrupt, units};
 use crate::{
-    criticism::study_scores::{Case, Scores},
+    criticism::{
+        self,
+        oracle::yardstick,
+        study_scores::{Case, Scores},
+    },
     files::read_limited,
     settings::Settings,
 };
@@ -106,10 +110,15 @@ pub(super) fn run(
                 .threads
                 .map_or(Settings::default().threads, usize::from),
         };
-        let Some(diagnosis) = diagnose::diagnose(&job, stop, &mut |_| ())? else {
+        let mut measure = None;
+        let mut told = |outcome: &criticism::Outcome<'_>| {
+            measure = yardstick(outcome, &label.effects)?;
+            Ok(())
+        };
+        let Some(diagnosis) = diagnose::diagnose(&job, stop, &mut |_| (), &mut told)? else {
             return Ok(Outcome::Interrupted);
         };
-        let case = Case::new(name, &label.effects, &diagnosis);
+        let case = Case::new(name, &label.effects, &diagnosis, measure);
         let _ = writeln!(err, "{}", case.line());
         cases.push(case);
     }

@@ -19,7 +19,7 @@ use crate::capture::Capture;
 /// Steps that bring the baseline to its best.
 const BASELINE_STEPS: usize = 9;
 /// Steps of a refit with a new effect.
-const REFIT_STEPS: usize = 5;
+pub const REFIT_STEPS: usize = 5;
 /// Effects that are added at most.
 const MOST_EFFECTS: usize = 3;
 /// Hot spots that are told.
@@ -30,6 +30,8 @@ const HOT_SPOTS: usize = 12;
 pub struct Options {
     /// About how many places of the surface are compared.
     pub sites: usize,
+    /// Rows of the grid of light.
+    pub rows: usize,
     /// Seed of all random numbers.
     pub seed: u64,
     /// Effects to try; all when empty. Capacity candidates always compete.
@@ -41,7 +43,8 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
-            sites: 2600,
+            sites: 2200,
+            rows: 25,
             seed: 0,
             effects: Vec::new(),
             time_limit: None,
@@ -61,7 +64,7 @@ pub struct Outcome<'a> {
     pub after: Fit,
 }
 
-/// Diagnoses a capture against its simulation; `report` is told what is being done.
+/// Diagnoses a capture against its simulation; `report` is told what is being done and answers whether to go on.
 ///
 /// # Errors
 /// [`DiagnoseError`].
@@ -69,14 +72,21 @@ pub fn diagnose<'a>(
     capture: &'a Capture,
     simulation: &Simulation,
     options: &Options,
-    report: &dyn Fn(&str),
+    report: &dyn Fn(&str) -> bool,
 ) -> Result<Outcome<'a>, DiagnoseError> {
     let began = Instant::now();
     let mut seconds = BTreeMap::new();
+    let report = |text: &str| report(text).then_some(()).ok_or(DiagnoseError::Interrupted);
     let candidates = chosen(&options.effects)?;
-    report("visibility of the surface");
-    let study = Study::new(capture, simulation, options.sites, options.seed)?;
-    report("light and texture at their best without any effect");
+    report("visibility of the surface")?;
+    let study = Study::new(
+        capture,
+        simulation,
+        options.sites,
+        options.rows,
+        options.seed,
+    )?;
+    report("light and texture at their best without any effect")?;
     let mut first = Fit::start(&study)?;
     first.refine(&study, BASELINE_STEPS)?;
     seconds.insert("baseline".to_owned(), began.elapsed().as_secs_f64());
@@ -86,7 +96,7 @@ pub fn diagnose<'a>(
     let mut ranking = Vec::new();
     loop {
         let fit = &fits[fits.len() - 1];
-        report("screening effects");
+        report("screening effects")?;
         let screened = Instant::now();
         let screened_effects = candidates
             .iter()
@@ -119,7 +129,7 @@ pub fn diagnose<'a>(
         let Some(choice) = compete::choose(&result) else {
             break;
         };
-        report(&format!("refit with {}", choice.score.id));
+        report(&format!("refit with {}", choice.score.id))?;
         let refitted = Instant::now();
         let mut next = fit.duplicate(&study)?;
         let effect = effects::by_id(choice.score.id)
@@ -134,7 +144,7 @@ pub fn diagnose<'a>(
         fits.push(next);
     }
 
-    report("opening the sealed data");
+    report("opening the sealed data")?;
     let judge = &fits[0];
     let errors: Vec<sealed::Errors> = fits
         .iter()
@@ -340,6 +350,9 @@ pub enum DiagnoseError {
     /// The tape failed.
     #[error(transparent)]
     Fit(#[from] FitError),
+    /// The caller asked for the end.
+    #[error("interrupted")]
+    Interrupted,
     /// A name that no effect has.
     #[error("there is no effect called `{0}`; `eclipse diagnose --help` lists them")]
     Unknown(String),

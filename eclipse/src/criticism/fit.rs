@@ -178,7 +178,11 @@ impl Fit {
         Precision::new(&study.seen.offsets, weight, shading, self.tau)
     }
 
-    fn evaluate(&mut self, study: &Study<'_>) -> Result<(), FitError> {
+    /// Recomputes everything that follows from the parameters.
+    ///
+    /// # Errors
+    /// As [`start`](Self::start).
+    pub fn evaluate(&mut self, study: &Study<'_>) -> Result<(), FitError> {
         let mut ws = self.formation.workspace(&self.parameters, 1)?;
         self.formation.forward(&mut ws)?;
         self.radiance = ws.output("radiance")?.to_vec();

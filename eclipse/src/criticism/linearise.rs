@@ -19,7 +19,7 @@ use super::{
 };
 
 /// Directions of light.
-const DIRECTIONS: usize = 256;
+const DIRECTIONS: usize = 240;
 /// Directions a pass of the tape serves.
 const PROBES: usize = 16;
 

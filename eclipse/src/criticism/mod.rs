@@ -14,6 +14,7 @@ pub mod linearise;
 pub mod locate;
 pub mod maps;
 pub mod observe;
+pub mod oracle;
 pub mod page;
 pub mod plot;
 pub mod precision;

@@ -19,9 +19,6 @@ use crate::{
     reconstruction::{Noise, Reconstruction},
 };
 
-/// Rows of the grid of light.
-const ROWS: usize = 50;
-
 /// What of a reconstruction a diagnosis starts from.
 #[derive(Clone, Debug)]
 pub struct Simulation {
@@ -132,7 +129,7 @@ pub struct Study<'a> {
 }
 
 impl<'a> Study<'a> {
-    /// Prepares about `sites` places of the surface.
+    /// Prepares about `sites` places of the surface and a grid of light of `rows` × 2 `rows`.
     ///
     /// # Errors
     /// A mesh that cannot be traced, or no place that is seen well.
@@ -140,6 +137,7 @@ impl<'a> Study<'a> {
         capture: &'a Capture,
         simulation: &Simulation,
         sites: usize,
+        rows: usize,
         seed: u64,
     ) -> Result<Self, StudyError> {
         let bvh = Bvh::new(&capture.mesh)?;
@@ -151,7 +149,7 @@ impl<'a> Study<'a> {
             });
         }
         let points: Vec<_> = seen.sites.iter().map(|s| s.point).collect();
-        let grid = LatLong::new(ROWS, 2 * ROWS);
+        let grid = LatLong::new(rows, 2 * rows);
         let horizon = Horizon::new(&bvh, grid, &points);
         let positions: Vec<_> = points.iter().map(|p| p.position).collect();
         let radiance = resampled(&simulation.environment, grid);
@@ -210,6 +208,18 @@ impl<'a> Study<'a> {
             self.texture.clone(),
             self.base,
         )?)
+    }
+
+    /// Puts other values, `[observation][colour]`, in the place of the photographs', with their variances: for simulations.
+    ///
+    /// # Panics
+    /// When their number is not that of the photographs' own.
+    pub fn replace(&mut self, value: Vec<f32>, variance: Vec<f32>) {
+        assert_eq!(
+            (value.len(), variance.len()),
+            (self.value.len(), self.variance.len())
+        );
+        (self.value, self.variance) = (value, variance);
     }
 
     /// Whether an observation takes part in fits.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::{Diagnosis, Verdict};
+use super::{Diagnosis, Verdict, oracle::Yardstick};
 
 /// Identifier of an effect that no table knows.
 const OUTSIDE: &str = "outside";
@@ -28,6 +28,9 @@ pub struct Case {
     pub first_gain: [f64; 2],
     /// Gain on sealed data of everything that was found.
     pub sealed_gain: f64,
+    /// That gain over the gain of a refit that was told the truth, both on sealed patches; absent where the latter is not
+    /// three standard errors.
+    pub gain_over_oracle: Option<f64>,
     /// χ² a sealed value before and after.
     pub sealed_chi2: [f64; 2],
     /// The sentence.
@@ -38,7 +41,7 @@ pub struct Case {
 
 impl Case {
     /// Of a diagnosis.
-    pub fn new(capture: &str, truth: &[String], d: &Diagnosis) -> Self {
+    pub fn new(capture: &str, truth: &[String], d: &Diagnosis, measure: Option<Yardstick>) -> Self {
         let physics = d.ranking.iter().find(|r| !r.capacity);
         Self {
             capture: capture.to_owned(),
@@ -51,6 +54,9 @@ impl Case {
             first: physics.map_or(String::new(), |r| r.id.to_owned()),
             first_gain: physics.map_or([0.0; 2], |r| [r.gain, r.gain_se]),
             sealed_gain: d.effects.iter().map(|e| e.sealed_gain).sum(),
+            gain_over_oracle: measure
+                .filter(|m| m.told > 3.0 * m.error)
+                .map(|m| m.diagnosed / m.told),
             sealed_chi2: [d.sealed.chi2_before, d.sealed.chi2_after],
             sentence: d.sentence.clone(),
             seconds: d.seconds.get("all").copied().unwrap_or(0.0),
@@ -99,7 +105,7 @@ pub struct Scores {
     pub compound_both: Option<f64>,
     /// Share of captures with physics outside the table in which nothing was named.
     pub abstains_outside: Option<f64>,
-    /// Mean of the gain on sealed data over that of a refit that was told the truth; see `gain_over_oracle` of a case.
+    /// Mean of the captures' own.
     pub gain_over_oracle: Option<f64>,
     /// Truth → named first → how often.
     pub confusion: BTreeMap<String, BTreeMap<String, usize>>,
@@ -143,7 +149,7 @@ impl Scores {
                 c.truth.iter().all(|t| c.found.contains(t))
             }),
             abstains_outside: share(&|c| outside(c), &|c| c.found.is_empty()),
-            gain_over_oracle: None,
+            gain_over_oracle: mean(captures.iter().filter_map(|c| c.gain_over_oracle)),
             confusion,
             captures,
         }
@@ -170,4 +176,9 @@ impl Scores {
         }
         text
     }
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let values: Vec<f64> = values.collect();
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }

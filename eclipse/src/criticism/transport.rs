@@ -45,7 +45,9 @@ pub struct Horizon {
 impl Horizon {
     /// Of these sites, by quadrature over `grid`.
     pub fn new(bvh: &Bvh, grid: LatLong, sites: &[SurfacePoint]) -> Self {
-        let quadrature = Quadrature::new(grid, 2);
+        // Shadow edges are as fine on a coarse grid of light: more rays a texel.
+        let side = (100 / grid.rows.max(1)).clamp(2, 4);
+        let quadrature = Quadrature::new(grid, side);
         Self {
             grid,
             directions: (0..grid.len())
