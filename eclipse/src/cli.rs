@@ -94,7 +94,7 @@ pub fn run(
     let result = match &arguments.command {
         Command::Reconstruct(arguments) => reconstruct::run(arguments, &typed, out),
         Command::Evaluate(arguments) => evaluate::run(arguments, out),
-        Command::Diagnose(arguments) => diagnose::run(arguments, out, err),
+        Command::Diagnose(arguments) => diagnose::run(arguments, out),
         Command::Study(arguments) => study::run(arguments, out, err),
         Command::Synthesize(arguments) => synthesize::run(arguments, out, err),
     };

@@ -1,10 +1,12 @@
 //! `eclipse diagnose`.
 
 use std::{
-    cell::RefCell,
     io::Write,
     path::{Path, PathBuf},
-    sync::atomic::{AtomicBool, Ordering},
+    sync::{
+        Mutex,
+        atomic::{AtomicBool, Ordering},
+    },
 };
 
 use clap::Args;
@@ -26,7 +28,7 @@ const EXAMPLES: &str = "Examples:
 
 Effects: moving_occluder, occluder_bounce, exposure_drift, response_curve, vignetting, black_level,
 veiling_glare, clipping, interreflection, ground_bounce, near_field_light, moving_light, emission,
-specular_lobe, translucency, pose_error, defocus, normal_error, medium, lamp_direction.";
+specular_lobe, translucency, pose_error, defocus, normal_error, medium.";
 
 /// Seconds of the reconstruction a diagnosis makes for itself, at most.
 const RECONSTRUCTION: f64 = 120.0;
@@ -74,11 +76,7 @@ pub(super) struct Job<'a> {
     pub threads: usize,
 }
 
-pub(super) fn run(
-    arguments: &DiagnoseArguments,
-    out: &mut dyn Write,
-    err: &mut dyn Write,
-) -> Result<Outcome, Failure> {
+pub(super) fn run(arguments: &DiagnoseArguments, out: &mut dyn Write) -> Result<Outcome, Failure> {
     let folder = arguments.out.clone().unwrap_or_else(|| {
         let named = arguments
             .capture
@@ -99,9 +97,11 @@ pub(super) fn run(
             .threads
             .map_or(Settings::default().threads, usize::from),
     };
-    let mut told = |text: &str| {
-        if !arguments.json {
-            let _ = writeln!(err, "{text} …");
+    // Whoever listens to standard error sees what is going on; a closed one is no failure.
+    let quiet = arguments.json;
+    let mut told = move |text: &str| {
+        if !quiet {
+            let _ = writeln!(std::io::stderr(), "{text} …");
         }
     };
     let Some(diagnosis) = diagnose(&job, stop_on_interrupt()?, &mut told, &mut |_| Ok(()))? else {
@@ -120,7 +120,7 @@ pub(super) fn run(
 pub(super) fn diagnose(
     job: &Job<'_>,
     stop: &AtomicBool,
-    report: &mut dyn FnMut(&str),
+    report: &mut (dyn FnMut(&str) + Send),
     inspect: &mut dyn FnMut(&criticism::Outcome<'_>) -> Result<(), DiagnoseError>,
 ) -> Result<Option<Diagnosis>, Failure> {
     let options = LoadOptions {
@@ -166,11 +166,15 @@ pub(super) fn diagnose(
         time_limit: Some((job.time_limit - began.elapsed().as_secs_f64()).max(1.0)),
         ..Options::default()
     };
-    let told = RefCell::new(report);
-    let outcome = criticism::diagnose(&capture, &simulation, &options, &|text| {
-        (told.borrow_mut())(text);
+    // The pool's thread does the work and passes on what it is doing.
+    let told = Mutex::new(report);
+    let go_on = |text: &str| {
+        if let Ok(mut told) = told.lock() {
+            told(text);
+        }
         !stop.load(Ordering::Relaxed)
-    });
+    };
+    let outcome = pool.install(|| criticism::diagnose(&capture, &simulation, &options, &go_on));
     let outcome = match outcome {
         Err(DiagnoseError::Interrupted) => return Ok(None),
         Err(error @ DiagnoseError::Unknown(_)) => {

@@ -72,7 +72,7 @@ pub fn diagnose<'a>(
     capture: &'a Capture,
     simulation: &Simulation,
     options: &Options,
-    report: &dyn Fn(&str) -> bool,
+    report: &(dyn Fn(&str) -> bool + Sync),
 ) -> Result<Outcome<'a>, DiagnoseError> {
     let began = Instant::now();
     let mut seconds = BTreeMap::new();
@@ -123,7 +123,7 @@ pub fn diagnose<'a>(
         let late = options
             .time_limit
             .is_some_and(|limit| began.elapsed().as_secs_f64() > limit);
-        if found.len() >= MOST_EFFECTS || late {
+        if found.len() >= MOST_EFFECTS || (late && !found.is_empty()) {
             break;
         }
         let Some(choice) = compete::choose(&result) else {

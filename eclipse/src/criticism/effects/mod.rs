@@ -10,7 +10,6 @@ mod emission;
 mod exposure_drift;
 mod ground_bounce;
 mod interreflection;
-mod lamp_direction;
 mod medium;
 mod moving_light;
 mod moving_occluder;
@@ -161,7 +160,6 @@ pub fn all() -> Vec<&'static dyn Effect> {
         &defocus::Defocus,
         &normal_error::NormalError,
         &medium::Medium,
-        &lamp_direction::LampDirection,
         &capacity::FinerAlbedo,
         &capacity::FinerEnvironment,
         &capacity::FinerOccluders,
