@@ -20,9 +20,12 @@ pub struct Dark {
     pub patch: u32,
 }
 
+/// Frame, place in blocks, pixels across, and the values of a block by colour.
+type Block = (u32, [usize; 2], usize, [Vec<f64>; 3]);
+
 /// Blocks of background, when it is dark in most frames: then every bit of light there is the sensor's doing.
 pub fn background(capture: &Capture) -> Vec<Dark> {
-    let mut blocks: Vec<(u32, [usize; 2], usize, [Vec<f64>; 3])> = Vec::new();
+    let mut blocks: Vec<Block> = Vec::new();
     let mut bright = 0;
     for (t, frame) in capture.frames.iter().enumerate() {
         let (image, mask) = (&frame.image, &frame.mask);

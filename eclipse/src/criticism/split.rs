@@ -115,7 +115,7 @@ pub fn dark_role(patch: u32, frame: u32, frames: usize) -> Role {
     let key = patch.wrapping_mul(0x9e37_79b9) >> 16;
     if frame_sealed(frame, frames) {
         Role::SealedFrame
-    } else if key as usize % SEALED_PATCH == 0 {
+    } else if (key as usize).is_multiple_of(SEALED_PATCH) {
         Role::SealedPatch
     } else {
         Role::Development((key as usize % FOLDS) as u8)

@@ -68,7 +68,7 @@ pub fn sentence(d: &Diagnosis) -> String {
             names.join(" together with ")
         ),
         Verdict::Ambiguous => {
-            let others: Vec<&str> = d.effects[0].ambiguous_with.iter().copied().collect();
+            let others = &d.effects[0].ambiguous_with;
             format!(
                 "{place}{} explains {explained:.0} % of the structured mismatch, but {} would do as well; {chi2}.",
                 names.join(" together with "),

@@ -69,7 +69,9 @@ impl Plane {
         let cell = 2.0 * REACH * scene.radius / CELLS as f32;
         // Every second texel across and down is enough for a plane's irradiance.
         let sky: Vec<(Vec3, [f32; 3])> = (0..grid.len())
-            .filter(|t| (t / grid.columns) % 2 == 0 && (t % grid.columns) % 2 == 0)
+            .filter(|t| {
+                (t / grid.columns).is_multiple_of(2) && (t % grid.columns).is_multiple_of(2)
+            })
             .filter_map(|t| {
                 let direction = scene.horizon.directions[t];
                 let weight = 4.0 * direction.z * grid.solid_angle(t / grid.columns) * FRAC_1_PI;
