@@ -9,9 +9,9 @@ use super::{
 
 /// Squared errors on sealed data by block, in units of the first model's noise.
 pub struct Errors {
-    /// By block of sealed patches, in frames that take part in the fit.
+    /// By frame and sealed patch, in frames that take part in the fit.
     pub patches: Vec<f64>,
-    /// By frame, of sealed frames; zero for the others.
+    /// By frame and patch, in sealed frames; zero in the others.
     pub frames: Vec<f64>,
     /// Values on sealed patches and in sealed frames.
     pub counts: [usize; 2],
@@ -42,8 +42,11 @@ pub fn errors(study: &Study<'_>, fit: &Fit, judge: &Fit) -> Errors {
     let mut white = residual.clone();
     judge.precision(study, &on_patch).whiten(&mut white);
     let known = judge.precision(study, &in_frame);
-    let mut patches = vec![0.0; study.seen.patches + 24];
-    let mut frames = vec![0.0; study.seen.frames];
+    // A patch in one frame is a block: what neighbours share there is one error, not many.
+    let across = study.seen.patches + 24;
+    let block = |i: usize| study.seen.frame(i) as usize * across + study.block(i);
+    let mut patches = vec![0.0; across * study.seen.frames];
+    let mut frames = patches.clone();
     let mut counts = [0; 2];
     let mut squares = 0.0;
     for i in 0..study.seen.len() {
@@ -51,11 +54,11 @@ pub fn errors(study: &Study<'_>, fit: &Fit, judge: &Fit) -> Errors {
             let k = 3 * i + c;
             let r = f64::from(residual[k]);
             if on_patch(i) {
-                patches[study.block(i)] += f64::from(white[k]).powi(2);
+                patches[block(i)] += f64::from(white[k]).powi(2);
                 counts[0] += 1;
                 squares += r * r;
             } else if in_frame(i) {
-                frames[study.seen.frame(i) as usize] += f64::from(known.weight()[k]) * r * r;
+                frames[block(i)] += f64::from(known.weight()[k]) * r * r;
                 counts[1] += 1;
                 squares += r * r;
             }

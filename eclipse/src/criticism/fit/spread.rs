@@ -36,11 +36,14 @@ impl Fit {
         let r = self.residual(study);
         let views = study.seen.views.len();
         let standard = |i: usize| f64::from(r[i] / study.variance[i].sqrt());
+        // About their middle: an offset that all values share is a finding, not noise.
         let spread = |range: std::ops::Range<usize>| {
-            let mut sizes: Vec<f64> = range
+            let all: Vec<f64> = range
                 .filter(|&i| study.develops(i / 3))
-                .map(|i| standard(i).abs())
+                .map(standard)
                 .collect();
+            let middle = median(&mut all.clone());
+            let mut sizes: Vec<f64> = all.iter().map(|z| (z - middle).abs()).collect();
             let spread = median(&mut sizes) / 0.6745;
             if spread.is_finite() {
                 spread.powi(2)
@@ -53,6 +56,10 @@ impl Fit {
         self.dark_inflation = spread(3 * views..r.len()).max(0.3);
         self.trust = (0..r.len())
             .map(|i| {
+                // The background has no outliers to guard against, and what is bright there is evidence.
+                if i >= 3 * views {
+                    return 1.0;
+                }
                 let scale = self.scale(i, views).sqrt();
                 (3.0 / (standard(i) / scale).abs().max(1e-9)).min(1.0) as f32
             })
