@@ -162,6 +162,16 @@ impl Fit {
 
     /// Weights and random albedo of the present model, of the observations that `counted` names.
     pub fn precision(&self, study: &Study<'_>, counted: &dyn Fn(usize) -> bool) -> Precision {
+        self.precision_with(study, counted, self.tau)
+    }
+
+    /// The same for another deviation of sites' own albedo.
+    pub fn precision_with(
+        &self,
+        study: &Study<'_>,
+        counted: &dyn Fn(usize) -> bool,
+        tau: [f64; 3],
+    ) -> Precision {
         let views = study.seen.views.len();
         let weight: Vec<f32> = (0..study.value.len())
             .map(|i| {
@@ -175,7 +185,7 @@ impl Fit {
         let shading: Vec<f32> = (0..3 * views)
             .map(|i| self.slope[i] * self.diffuse[i])
             .collect();
-        Precision::new(&study.seen.offsets, weight, shading, self.tau)
+        Precision::new(&study.seen.offsets, weight, shading, tau)
     }
 
     /// Recomputes everything that follows from the parameters.

@@ -110,4 +110,10 @@ impl Reduced {
         theta.extend(&beta[..layout.always]);
         theta
     }
+
+    /// Solves for nuisance alone: the inverse of its products and prior times `b`, in place.
+    pub fn solve(&self, b: &mut [f64]) {
+        self.factor.forward(b, 1);
+        self.factor.backward(b, 1);
+    }
 }

@@ -73,6 +73,10 @@ pub fn screen(study: &Study<'_>, jacobian: &Jacobian, candidates: &[Candidate]) 
     let count = candidates.len();
     let mut gains = vec![vec![0.0; blocks]; count];
     let mut before = 0.0;
+    let whole: Vec<Reduced> = colours
+        .par_iter()
+        .map(|colour| Reduced::new(&colour.total, &layout))
+        .collect();
     for fold in 0..FOLDS {
         let reduced: Vec<Reduced> = colours
             .par_iter()
@@ -94,16 +98,29 @@ pub fn screen(study: &Study<'_>, jacobian: &Jacobian, candidates: &[Candidate]) 
         let test = layout.starts[fold]..layout.starts[fold + 1];
         let errors = |beta: &[f64], k: Option<usize>| -> Vec<f64> {
             let mut squares = vec![0.0; test.len()];
-            for (colour, reduced) in colours.iter().zip(&reduced) {
+            for ((colour, reduced), whole) in colours.iter().zip(&reduced).zip(&whole) {
                 let weights = reduced.predictor(beta, &layout, k);
-                for (square, row) in squares.iter_mut().zip(test.clone()) {
+                let mut along = vec![0.0; layout.nuisance];
+                let errors: Vec<f64> = test
+                    .clone()
+                    .map(|row| {
+                        let line = colour.matrix.row(row);
+                        let mut e = f64::from(line[layout.residual()]);
+                        e -= inner(&weights, &line[..layout.residual()]);
+                        if let Some(k) = k {
+                            e -= inner(&beta[layout.always..], &line[layout.own[k].clone()]);
+                        }
+                        let nuisance = along.iter_mut().zip(line);
+                        nuisance.for_each(|(a, x)| *a += e * f64::from(*x));
+                        e
+                    })
+                    .collect();
+                // What training left open about light and texture is no error of the effect's: prediction errors are measured
+                // by their own covariance, 1 + J A⁻¹ Jᵀ, whose inverse is 1 − J (A + JᵀJ)⁻¹ Jᵀ.
+                whole.solve(&mut along);
+                for ((square, row), e) in squares.iter_mut().zip(test.clone()).zip(&errors) {
                     let line = colour.matrix.row(row);
-                    let mut e = f64::from(line[layout.residual()]);
-                    e -= inner(&weights, &line[..layout.residual()]);
-                    if let Some(k) = k {
-                        e -= inner(&beta[layout.always..], &line[layout.own[k].clone()]);
-                    }
-                    *square += e * e;
+                    *square += e * (e - inner(&along, &line[..layout.nuisance]));
                 }
             }
             squares
@@ -120,10 +137,7 @@ pub fn screen(study: &Study<'_>, jacobian: &Jacobian, candidates: &[Candidate]) 
             }
         }
     }
-    let reduced: Vec<Reduced> = colours
-        .par_iter()
-        .map(|colour| Reduced::new(&colour.total, &layout))
-        .collect();
+    let reduced = whole;
     let mut scores: Vec<Score> = (0..count)
         .filter(|&k| !candidates[k].terms.is_empty())
         .map(|k| {

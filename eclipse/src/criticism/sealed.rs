@@ -7,6 +7,9 @@ use super::{
     study::Study,
 };
 
+/// Standard deviation of the albedo of a patch that no fit has seen, beyond that of sites among each other.
+const UNSEEN: f64 = 0.07;
+
 /// Squared errors on sealed data by block, in units of the first model's noise.
 pub struct Errors {
     /// By frame and sealed patch, in frames that take part in the fit.
@@ -40,7 +43,11 @@ pub fn errors(study: &Study<'_>, fit: &Fit, judge: &Fit) -> Errors {
     let residual = fit.residual(study);
     // Shading is the judge's as well: two covariances would not be comparable.
     let mut white = residual.clone();
-    judge.precision(study, &on_patch).whiten(&mut white);
+    // Texture is not known there better than its neighbours tell.
+    let tau = judge.tau.map(|tau| tau.hypot(UNSEEN));
+    judge
+        .precision_with(study, &on_patch, tau)
+        .whiten(&mut white);
     let known = judge.precision(study, &in_frame);
     // A patch in one frame is a block: what neighbours share there is one error, not many.
     let across = study.seen.patches + 24;
