@@ -1,8 +1,10 @@
 //! The command line: arguments in, exit code out.
 
 mod arguments;
+mod diagnose;
 mod evaluate;
 mod reconstruct;
+mod study;
 mod synthesize;
 mod units;
 
@@ -92,6 +94,8 @@ pub fn run(
     let result = match &arguments.command {
         Command::Reconstruct(arguments) => reconstruct::run(arguments, &typed, out),
         Command::Evaluate(arguments) => evaluate::run(arguments, out),
+        Command::Diagnose(arguments) => diagnose::run(arguments, out),
+        Command::Study(arguments) => study::run(arguments, out, err),
         Command::Synthesize(arguments) => synthesize::run(arguments, out, err),
     };
     match result {

@@ -4,6 +4,7 @@ pub mod capture;
 pub mod checkpoint;
 pub mod cli;
 pub mod control;
+pub mod criticism;
 pub mod evaluate;
 pub mod files;
 pub mod image_io;

@@ -3,7 +3,8 @@
 use clap::{Parser, Subcommand};
 
 use super::{
-    evaluate::EvaluateArguments, reconstruct::ReconstructArguments, synthesize::SynthesizeArguments,
+    diagnose::DiagnoseArguments, evaluate::EvaluateArguments, reconstruct::ReconstructArguments,
+    study::StudyArguments, synthesize::SynthesizeArguments,
 };
 
 /// Recovers light, materials and unseen occluders from posed photographs of an object whose shape is known.
@@ -23,6 +24,10 @@ pub(super) enum Command {
     Reconstruct(ReconstructArguments),
     /// Scores a reconstruction against a known truth.
     Evaluate(EvaluateArguments),
+    /// Tells where a capture differs from its simulation, which physics was left out, and how much better it explains.
+    Diagnose(DiagnoseArguments),
+    /// Repeats a command over many captures and scores it.
+    Study(StudyArguments),
     /// Renders a capture, with its truth, from a mesh, a material, an environment and occluders.
     Synthesize(SynthesizeArguments),
 }

@@ -1,0 +1,214 @@
+//! `eclipse diagnose`.
+
+use std::{
+    io::Write,
+    path::{Path, PathBuf},
+    sync::{
+        Mutex,
+        atomic::{AtomicBool, Ordering},
+    },
+};
+
+use clap::Args;
+
+use super::{Failure, Outcome, print, stop_on_interrupt, units};
+use crate::{
+    capture::{Capture, LoadOptions},
+    control::Control,
+    criticism::{self, DiagnoseError, Diagnosis, Options, Simulation, page},
+    reconstruct,
+    reconstruction::Ended,
+    settings::Settings,
+};
+
+const EXAMPLES: &str = "Examples:
+  eclipse diagnose my-capture
+  eclipse diagnose my-capture --reconstruction out/mine --out out/mine/diagnosis
+  eclipse diagnose my-capture --effects exposure_drift,vignetting --json
+
+Effects: moving_occluder, occluder_bounce, exposure_drift, response_curve, vignetting, black_level,
+veiling_glare, clipping, interreflection, ground_bounce, near_field_light, moving_light, emission,
+specular_lobe, translucency, pose_error, defocus, normal_error, medium.";
+
+/// Seconds of the reconstruction a diagnosis makes for itself, at most.
+const RECONSTRUCTION: f64 = 120.0;
+
+#[derive(Args, Debug)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct DiagnoseArguments {
+    /// Folder with transforms.json, photographs and mesh.
+    pub capture: PathBuf,
+    /// Folder that reconstruct wrote [default: a reconstruction without occluders is made].
+    #[arg(long, value_name = "DIR")]
+    pub reconstruction: Option<PathBuf>,
+    /// Folder for the results [default: out/<name of the capture>-diagnosis].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Time after which no further effect is looked for, the reconstruction included.
+    #[arg(long, value_name = "TIME", value_parser = units::duration, default_value = "8m")]
+    pub time_limit: f64,
+    /// Effects to try, separated by commas [default: all].
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub effects: Vec<String>,
+    /// Mesh to use in place of the capture's own.
+    #[arg(long, value_name = "FILE")]
+    pub mesh: Option<PathBuf>,
+    /// Seed of all random numbers.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// Threads; results do not depend on it [default: all].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Print diagnosis.json instead of a summary.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What one diagnosis needs besides the capture.
+pub(super) struct Job<'a> {
+    pub capture: &'a Path,
+    pub reconstruction: Option<&'a Path>,
+    pub out: Option<&'a Path>,
+    pub time_limit: f64,
+    pub effects: &'a [String],
+    pub mesh: Option<PathBuf>,
+    pub seed: u64,
+    pub threads: usize,
+}
+
+pub(super) fn run(arguments: &DiagnoseArguments, out: &mut dyn Write) -> Result<Outcome, Failure> {
+    let folder = arguments.out.clone().unwrap_or_else(|| {
+        let named = arguments
+            .capture
+            .canonicalize()
+            .unwrap_or_else(|_| arguments.capture.clone());
+        let name = named.file_name().unwrap_or("capture".as_ref());
+        PathBuf::from("out").join(format!("{}-diagnosis", name.to_string_lossy()))
+    });
+    let job = Job {
+        capture: &arguments.capture,
+        reconstruction: arguments.reconstruction.as_deref(),
+        out: Some(&folder),
+        time_limit: arguments.time_limit,
+        effects: &arguments.effects,
+        mesh: arguments.mesh.clone(),
+        seed: arguments.seed,
+        threads: arguments
+            .threads
+            .map_or(Settings::default().threads, usize::from),
+    };
+    // Whoever listens to standard error sees what is going on; a closed one is no failure.
+    let quiet = arguments.json;
+    let mut told = move |text: &str| {
+        if !quiet {
+            let _ = writeln!(std::io::stderr(), "{text} …");
+        }
+    };
+    let Some(diagnosis) = diagnose(&job, stop_on_interrupt()?, &mut told, &mut |_| Ok(()))? else {
+        return Ok(Outcome::Interrupted);
+    };
+    let text = if arguments.json {
+        serde_json::to_string_pretty(&diagnosis).map_err(Failure::failed)? + "\n"
+    } else {
+        summary(&diagnosis, &folder)
+    };
+    print(out, &text)?;
+    Ok(Outcome::Done)
+}
+
+/// Diagnoses a capture; `None` when interrupted.
+pub(super) fn diagnose(
+    job: &Job<'_>,
+    stop: &AtomicBool,
+    report: &mut (dyn FnMut(&str) + Send),
+    inspect: &mut dyn FnMut(&criticism::Outcome<'_>) -> Result<(), DiagnoseError>,
+) -> Result<Option<Diagnosis>, Failure> {
+    let options = LoadOptions {
+        mesh: job.mesh.clone(),
+        ..LoadOptions::default()
+    };
+    let began = std::time::Instant::now();
+    let capture = Capture::load(job.capture, &options).map_err(Failure::bad_input)?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(job.threads)
+        .build()
+        .map_err(|error| Failure::failed(format!("cannot start threads: {error}")))?;
+    let simulation = match job.reconstruction {
+        Some(folder) => {
+            Simulation::load(folder, capture.frames.len()).map_err(Failure::bad_input)?
+        }
+        None => {
+            report("reconstructing without occluders");
+            let settings = Settings {
+                occluders: false,
+                time_limit: Some(RECONSTRUCTION.min(0.4 * job.time_limit)),
+                seed: job.seed,
+                threads: job.threads,
+                mesh: job.mesh.clone(),
+                ..Settings::default()
+            };
+            let control = Control {
+                stop,
+                ..Control::detached()
+            };
+            let solved = pool
+                .install(|| reconstruct::run(&capture, &settings, &control))
+                .map_err(Failure::failed)?;
+            if solved.ended == Ended::Interrupted {
+                return Ok(None);
+            }
+            Simulation::of(&solved)
+        }
+    };
+    let options = Options {
+        seed: job.seed,
+        effects: job.effects.to_vec(),
+        time_limit: Some((job.time_limit - began.elapsed().as_secs_f64()).max(1.0)),
+        ..Options::default()
+    };
+    // The pool's thread does the work and passes on what it is doing.
+    let told = Mutex::new(report);
+    let go_on = |text: &str| {
+        if let Ok(mut told) = told.lock() {
+            told(text);
+        }
+        !stop.load(Ordering::Relaxed)
+    };
+    let outcome = pool.install(|| criticism::diagnose(&capture, &simulation, &options, &go_on));
+    let outcome = match outcome {
+        Err(DiagnoseError::Interrupted) => return Ok(None),
+        Err(error @ DiagnoseError::Unknown(_)) => {
+            return Err(Failure {
+                outcome: Outcome::Usage,
+                message: error.to_string(),
+            });
+        }
+        other => other.map_err(Failure::failed)?,
+    };
+    inspect(&outcome).map_err(Failure::failed)?;
+    if let Some(folder) = job.out {
+        page::write(folder, &outcome).map_err(Failure::failed)?;
+    }
+    Ok(Some(outcome.diagnosis))
+}
+
+fn summary(d: &Diagnosis, folder: &Path) -> String {
+    let mut text = format!("{}\n\n", d.sentence);
+    text += &format!(
+        "{:18} {:>10} {:>9} {:>9} {:>8} {:>9}\n",
+        "effect", "gain", "± s.e.", "p", "size", "survival"
+    );
+    for r in d.ranking.iter().take(8) {
+        text += &format!(
+            "{:18} {:>10.0} {:>9.0} {:>9.1e} {:>7.2}% {:>9.2}{}\n",
+            r.id,
+            r.gain,
+            r.gain_se,
+            r.p,
+            100.0 * r.size,
+            r.survival,
+            if r.capacity { "  (capacity)" } else { "" }
+        );
+    }
+    text + &format!("wrote {}\n", folder.join("diagnosis.html").display())
+}

@@ -1,0 +1,139 @@
+//! `eclipse study`: a command over many captures, scored.
+
+use std::{
+    collections::BTreeMap,
+    io::Write,
+    path::{Path, PathBuf},
+};
+
+use clap::{Args, Subcommand};
+use serde::Deserialize;
+
+use super::{Failure, Outcome, diagnose, print, stop_on_interrupt, units};
+use crate::{
+    criticism::{
+        self,
+        oracle::yardstick,
+        study_scores::{Case, Scores},
+    },
+    files::read_limited,
+    settings::Settings,
+};
+
+/// Largest file of labels.
+const MAX_LABELS: u64 = 1 << 24;
+
+#[derive(Args, Debug)]
+pub(super) struct StudyArguments {
+    #[command(subcommand)]
+    pub command: StudyCommand,
+}
+
+#[derive(Subcommand, Debug)]
+pub(super) enum StudyCommand {
+    /// Diagnoses every capture of a folder and scores the verdicts against labels.
+    Mismatch(MismatchArguments),
+}
+
+#[derive(Args, Debug)]
+pub(super) struct MismatchArguments {
+    /// Folder of captures.
+    pub captures: PathBuf,
+    /// JSON: for each capture's name `{"effects": [identifiers]}`.
+    #[arg(long, value_name = "FILE")]
+    pub labels: PathBuf,
+    /// Folder whose subfolders hold a reconstruction for each capture [default: made anew].
+    #[arg(long, value_name = "DIR")]
+    pub reconstructions: Option<PathBuf>,
+    /// Folder for a page for each capture.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Only captures whose name contains this.
+    #[arg(long, value_name = "TEXT")]
+    pub only: Option<String>,
+    /// Time for each capture.
+    #[arg(long, value_name = "TIME", value_parser = units::duration, default_value = "8m")]
+    pub time_limit: f64,
+    /// Threads; results do not depend on it [default: all].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Deserialize)]
+struct Label {
+    effects: Vec<String>,
+}
+
+pub(super) fn run(
+    arguments: &StudyArguments,
+    out: &mut dyn Write,
+    err: &mut dyn Write,
+) -> Result<Outcome, Failure> {
+    let StudyCommand::Mismatch(arguments) = &arguments.command;
+    let bytes = read_limited(&arguments.labels, MAX_LABELS).map_err(|error| {
+        Failure::bad_input(format!(
+            "cannot read the labels {}: {error}",
+            arguments.labels.display()
+        ))
+    })?;
+    let labels: BTreeMap<String, Label> = serde_json::from_slice(&bytes).map_err(|error| {
+        Failure::bad_input(format!(
+            "{} is not a table of labels ({error}); expected {{\"capture\": {{\"effects\": [\"…\"]}}}}",
+            arguments.labels.display()
+        ))
+    })?;
+    let stop = stop_on_interrupt()?;
+    let mut cases = Vec::new();
+    for (name, label) in &labels {
+        let wanted = arguments
+            .only
+            .as_ref()
+            .is_none_or(|part| name.contains(part));
+        let folder = arguments.captures.join(name);
+        if !wanted || !folder.is_dir() {
+            continue;
+        }
+        let own = |base: &Option<PathBuf>| base.as_ref().map(|base| base.join(name));
+        let (reconstruction, page) = (own(&arguments.reconstructions), own(&arguments.out));
+        let job = diagnose::Job {
+            capture: &folder,
+            reconstruction: reconstruction.as_deref().filter(|r: &&Path| r.is_dir()),
+            out: page.as_deref(),
+            time_limit: arguments.time_limit,
+            effects: &[],
+            mesh: None,
+            seed: 0,
+            threads: arguments
+                .threads
+                .map_or(Settings::default().threads, usize::from),
+        };
+        let mut measure = None;
+        let mut told = |outcome: &criticism::Outcome<'_>| {
+            measure = yardstick(outcome, &label.effects)?;
+            Ok(())
+        };
+        let Some(diagnosis) = diagnose::diagnose(&job, stop, &mut |_| (), &mut told)? else {
+            return Ok(Outcome::Interrupted);
+        };
+        let case = Case::new(name, &label.effects, &diagnosis, measure);
+        let _ = writeln!(err, "{}", case.line());
+        cases.push(case);
+    }
+    if cases.is_empty() {
+        return Err(Failure::bad_input(format!(
+            "no folder in {} has a name that the labels know",
+            arguments.captures.display()
+        )));
+    }
+    let scores = Scores::new(cases);
+    let text = if arguments.json {
+        serde_json::to_string_pretty(&scores).map_err(Failure::failed)? + "\n"
+    } else {
+        scores.table()
+    };
+    print(out, &text)?;
+    Ok(Outcome::Done)
+}

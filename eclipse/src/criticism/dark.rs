@@ -1,0 +1,146 @@
+//! The background of photographs, where it is dark: what is bright there is the sensor's and the lens's doing.
+
+use render::image::Image;
+
+use super::statistics::{median, normal_cdf};
+use crate::capture::Capture;
+
+/// A part of the background of a frame, where the model says that there is no light at all.
+#[derive(Clone, Copy, Debug)]
+pub struct Dark {
+    /// The frame.
+    pub frame: u32,
+    /// Its middle, pixels.
+    pub at: [f32; 2],
+    /// Mean, linear RGB, freed of the bias of values cut off at zero.
+    pub value: [f32; 3],
+    /// Variance of the mean.
+    pub variance: [f32; 3],
+    /// Which patch of the image, for the split.
+    pub patch: u32,
+}
+
+/// Frame, place in blocks, pixels across, and the values of a block by colour.
+type Block = (u32, [usize; 2], usize, [Vec<f64>; 3]);
+
+/// Blocks of background, when it is dark in most frames: then every bit of light there is the sensor's doing.
+pub fn background(capture: &Capture) -> Vec<Dark> {
+    let mut blocks: Vec<Block> = Vec::new();
+    let mut bright = 0;
+    for (t, frame) in capture.frames.iter().enumerate() {
+        let (image, mask) = (&frame.image, &frame.mask);
+        let object: f64 = mean_of(image, |p| mask.data[p] > 0.999);
+        let size = (image.width.max(image.height) / 24).clamp(3, 32);
+        for by in 0..image.height / size {
+            for bx in 0..image.width / size {
+                let pixels: Vec<usize> = (0..size * size)
+                    .map(|k| (by * size + k / size) * image.width + bx * size + k % size)
+                    .collect();
+                if pixels.iter().any(|&p| mask.data[p] > 0.0) {
+                    continue;
+                }
+                // What lies far from the object says the same again and again.
+                let near = near_object(mask, bx * size + size / 2, by * size + size / 2, 12);
+                if !near && (bx + 2 * by + t) % 4 != 0 {
+                    continue;
+                }
+                let values = [0, 1, 2].map(|c| {
+                    pixels
+                        .iter()
+                        .map(|&p| f64::from(image.data[3 * p + c]))
+                        .collect()
+                });
+                if mean_of(image, |p| pixels.contains(&p)) > 0.2 * object {
+                    bright += 1;
+                }
+                blocks.push((t as u32, [bx, by], size, values));
+            }
+        }
+    }
+    if 5 * bright > blocks.len() {
+        return Vec::new();
+    }
+    let sigma = cut_noise(blocks.iter().flat_map(|block| &block.3));
+    blocks
+        .into_iter()
+        .map(|(frame, [bx, by], size, values)| {
+            let mut value = [0.0; 3];
+            let mut variance = [0.0; 3];
+            for (c, values) in values.iter().enumerate() {
+                let n = values.len() as f64;
+                let mean = values.iter().sum::<f64>() / n;
+                let spread = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
+                let (mean, noise) = match sigma {
+                    Some(sigma) => (unrectified(mean, sigma), spread.max(sigma * sigma)),
+                    None => (mean, spread.max(1e-12)),
+                };
+                value[c] = mean as f32;
+                // A tenth of the noise stands for what the noise's own shape leaves open.
+                variance[c] = (noise / n + 0.01 * noise) as f32;
+            }
+            let middle = |b: usize| (b * size) as f32 + 0.5 * size as f32;
+            Dark {
+                frame,
+                at: [middle(bx), middle(by)],
+                value,
+                variance,
+                patch: (by / 4 * 97 + bx / 4) as u32,
+            }
+        })
+        .collect()
+}
+
+/// The noise of a background whose values below zero were cut off; `None` when they were not.
+fn cut_noise<'a>(blocks: impl Iterator<Item = &'a Vec<f64>>) -> Option<f64> {
+    let mut squares: Vec<f64> = blocks
+        .filter_map(|values| {
+            let above: Vec<f64> = values.iter().copied().filter(|v| *v > 0.0).collect();
+            let cut = values.len() - above.len();
+            // Of noise about zero half the values are positive, and their mean square is the variance.
+            (5 * cut > values.len() && above.len() > 2)
+                .then(|| above.iter().map(|v| v * v).sum::<f64>() / above.len() as f64)
+        })
+        .collect();
+    (squares.len() > 8).then(|| median(&mut squares).sqrt())
+}
+
+/// The mean before values below zero were cut off, from the mean after it, for normal noise of deviation `sigma`.
+///
+/// The mean after it is μ Φ(μ/σ) + σ φ(μ/σ), which grows with μ.
+fn unrectified(mean: f64, sigma: f64) -> f64 {
+    let after = |mu: f64| {
+        let z = mu / sigma;
+        let density = (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt();
+        mu * normal_cdf(z) + sigma * density
+    };
+    let (mut low, mut high) = (-2.0 * sigma, mean.max(0.0) + sigma);
+    for _ in 0..50 {
+        let middle = 0.5 * (low + high);
+        if after(middle) < mean {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    0.5 * (low + high)
+}
+
+fn mean_of(image: &Image, keep: impl Fn(usize) -> bool) -> f64 {
+    let (mut sum, mut count) = (0.0, 0usize);
+    for p in (0..image.width * image.height).filter(|&p| keep(p)) {
+        sum += (0..3)
+            .map(|c| f64::from(image.data[3 * p + c]))
+            .sum::<f64>()
+            / 3.0;
+        count += 1;
+    }
+    sum / count.max(1) as f64
+}
+
+/// Whether a pixel of the object lies within `reach` along the row or the column.
+fn near_object(mask: &Image, x: usize, y: usize, reach: usize) -> bool {
+    let hit = |i: usize, j: usize| i < mask.width && j < mask.height && mask.pixel(i, j)[0] > 0.5;
+    (1..=reach).any(|d| {
+        hit(x.wrapping_sub(d), y) || hit(x + d, y) || hit(x, y.wrapping_sub(d)) || hit(x, y + d)
+    })
+}

@@ -1,0 +1,118 @@
+//! What a diagnosis says.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::locate::{Axis, HotSpot};
+
+/// The outcome in a word.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// An effect was found that explains the mismatch on sealed data.
+    Explained,
+    /// One of several effects explains it; the data do not tell which.
+    Ambiguous,
+    /// Something may be there, but the data are too few to say.
+    Underpowered,
+    /// Simulation and recording agree.
+    NothingMissing,
+    /// Something is missing, and no effect that is known explains it.
+    Unexplained,
+}
+
+/// An effect that was added to the model.
+#[derive(Clone, Debug, Serialize)]
+pub struct Finding {
+    /// The effect.
+    pub id: &'static str,
+    /// Its numbers by name.
+    pub parameters: BTreeMap<String, f64>,
+    /// Their standard errors.
+    pub standard_errors: BTreeMap<String, f64>,
+    /// Gain on sealed pixels in units of the noise's variance.
+    pub sealed_gain: f64,
+    /// Its standard error.
+    pub sealed_gain_se: f64,
+    /// Probability of the screening gain by chance, corrected for all effects that were tried (Holm).
+    pub p_holm: f64,
+    /// Share of the signal that light and material cannot imitate.
+    pub survival: f64,
+    /// Relative size in the image (RMS).
+    pub size: f64,
+    /// Relative size that would have been found.
+    pub minimum_detectable: f64,
+    /// Effects that explain the data as well.
+    pub ambiguous_with: Vec<&'static str>,
+    /// Where it acts most.
+    #[serde(rename = "where")]
+    pub place: BTreeMap<String, serde_json::Value>,
+}
+
+/// A candidate of the first screening.
+#[derive(Clone, Debug, Serialize)]
+pub struct Ranked {
+    /// The effect.
+    pub id: &'static str,
+    /// Gain on held-out patches of the development data.
+    pub gain: f64,
+    /// Its standard error.
+    pub gain_se: f64,
+    /// Its probability by chance.
+    pub p: f64,
+    /// Relative size in the image.
+    pub size: f64,
+    /// Share of its signal that survives.
+    pub survival: f64,
+    /// Size that would be found.
+    pub minimum_detectable: f64,
+    /// Whether it is capacity rather than physics.
+    pub capacity: bool,
+}
+
+/// Errors on sealed data before and after.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Sealed {
+    /// χ² a value before.
+    pub chi2_before: f64,
+    /// χ² a value after.
+    pub chi2_after: f64,
+    /// Root mean square difference before.
+    pub rmse_before: f64,
+    /// Root mean square difference after.
+    pub rmse_after: f64,
+}
+
+/// `diagnosis.json`.
+#[derive(Clone, Debug, Serialize)]
+pub struct Diagnosis {
+    /// The outcome in a word.
+    pub verdict: Verdict,
+    /// What was added to the model, in order.
+    pub effects: Vec<Finding>,
+    /// The first screening, best first.
+    pub ranking: Vec<Ranked>,
+    /// Errors on sealed data.
+    pub sealed: Sealed,
+    /// Share of the structured mismatch that is left.
+    pub unexplained_fraction: f64,
+    /// Where the first model is off.
+    pub hot_spots: Vec<HotSpot>,
+    /// Where the last model is off.
+    pub hot_spots_after: Vec<HotSpot>,
+    /// The outcome in a sentence.
+    pub sentence: String,
+    /// Screenings under other baselines: best gain of each effect.
+    pub baselines: BTreeMap<String, Vec<Ranked>>,
+    /// How far albedo and light moved from the first model to the last (relative RMS).
+    pub moved: BTreeMap<String, f64>,
+    /// The command that reconstructs with what was found.
+    pub command: Option<String>,
+    /// Structured mismatch in units of the noise's variance, before and after.
+    pub structured: [f64; 2],
+    /// Mean residuals along axes.
+    pub axes: Vec<Axis>,
+    /// Seconds each part took.
+    pub seconds: BTreeMap<String, f64>,
+}

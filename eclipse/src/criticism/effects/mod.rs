@@ -1,0 +1,172 @@
+//! The physics a simulation may have left out: one file an effect, one trait, one list.
+
+pub mod support;
+
+mod black_level;
+mod capacity;
+mod clipping;
+mod defocus;
+mod emission;
+mod exposure_drift;
+mod ground_bounce;
+mod interreflection;
+mod medium;
+mod moving_light;
+mod moving_occluder;
+mod near_field_light;
+mod normal_error;
+mod occluder_bounce;
+mod pose_error;
+mod response_curve;
+mod specular_lobe;
+mod translucency;
+mod veiling_glare;
+mod vignetting;
+
+use autodiff::{Detached, Var};
+
+use super::scene::Scene;
+
+/// Where in the forward model an effect acts, in the order light meets these places.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Stage {
+    /// Light on its way to the object.
+    IncidentLight,
+    /// Light within the scene.
+    Transport,
+    /// Reflection.
+    Material,
+    /// Between the surface and the lens.
+    Medium,
+    /// Where and how sharply the lens forms the image.
+    Optics,
+    /// Light scattered by the lens.
+    Glare,
+    /// Light lost towards the image's corners.
+    Falloff,
+    /// Exposure and white balance.
+    Exposure,
+    /// Offsets of the sensor.
+    Offset,
+    /// The relation of values to light.
+    Response,
+    /// The upper end of the sensor's range.
+    Saturation,
+}
+
+/// One number of an effect, with the change of the photographs it stands for.
+pub struct Term {
+    /// What it is, with its unit.
+    pub name: String,
+    /// Standard deviation that is expected of it before data are seen: how strong the effect usually is.
+    pub scale: f64,
+    /// Its lower bound: 0 for what cannot be negative, else −∞.
+    pub least: f64,
+    /// `[observation][colour]`; what it means is the effect's own affair, see [`Effect::record`].
+    pub field: Vec<f32>,
+    /// The frame it belongs to, if it is a frame's own.
+    pub frame: Option<u32>,
+}
+
+impl Term {
+    /// A number that may have either sign and belongs to all frames.
+    pub fn new(name: impl Into<String>, scale: f64, field: Vec<f32>) -> Self {
+        Self {
+            name: name.into(),
+            scale,
+            least: f64::NEG_INFINITY,
+            field,
+            frame: None,
+        }
+    }
+
+    /// The same, never negative.
+    pub fn positive(self) -> Self {
+        Self { least: 0.0, ..self }
+    }
+
+    /// The same, of one frame.
+    pub fn of(self, frame: u32) -> Self {
+        Self {
+            frame: Some(frame),
+            ..self
+        }
+    }
+}
+
+/// A term on the tape.
+pub struct Recorded {
+    /// Its number.
+    pub beta: Var,
+    /// Its field.
+    pub field: Detached,
+}
+
+/// A piece of physics that the baseline leaves out. At its null value, all numbers zero, it changes no bit of the model.
+pub trait Effect: Sync {
+    /// Its name in reports and on the command line.
+    fn id(&self) -> &'static str;
+    /// What it is, for people.
+    fn describe(&self) -> &'static str;
+    /// Where it acts.
+    fn stage(&self) -> Stage;
+    /// The least relative change of the object's image (RMS) that is worth telling.
+    fn interest(&self) -> f64 {
+        0.003
+    }
+    /// What it is mistaken for most easily.
+    fn confused_with(&self) -> &'static [&'static str];
+    /// Whether it is no physics but more freedom for what the model has already.
+    fn is_capacity(&self) -> bool {
+        false
+    }
+    /// Its numbers and fields for the model as it stands; empty where it makes no sense.
+    fn terms(&self, scene: &Scene<'_>) -> Vec<Term>;
+    /// Its place in the forward model: from the values that reach it to those that leave it.
+    fn record(&self, value: &Var, terms: &[Recorded]) -> Var {
+        match weighted(terms) {
+            Some(sum) => value + sum,
+            None => value.clone(),
+        }
+    }
+}
+
+/// Σ β · field.
+pub fn weighted(terms: &[Recorded]) -> Option<Var> {
+    let mut parts = terms.iter().map(|t| &t.beta * &t.field);
+    let first = parts.next()?;
+    Some(parts.fold(first, |sum, part| sum + part))
+}
+
+/// All effects. The order is that of reports; it decides nothing.
+pub fn all() -> Vec<&'static dyn Effect> {
+    vec![
+        &moving_occluder::MovingOccluder,
+        &occluder_bounce::OccluderBounce,
+        &exposure_drift::ExposureDrift,
+        &response_curve::ResponseCurve,
+        &vignetting::Vignetting,
+        &black_level::BlackLevel,
+        &veiling_glare::VeilingGlare,
+        &clipping::Clipping,
+        &interreflection::Interreflection,
+        &ground_bounce::GroundBounce,
+        &near_field_light::NearFieldLight,
+        &moving_light::MovingLight,
+        &emission::Emission,
+        &specular_lobe::SpecularLobe,
+        &translucency::Translucency,
+        &pose_error::PoseError,
+        &defocus::Defocus,
+        &normal_error::NormalError,
+        &medium::Medium,
+        &capacity::FinerAlbedo,
+        &capacity::FinerEnvironment,
+        &capacity::FinerOccluders,
+    ]
+}
+
+/// The effect of this name.
+pub fn by_id(id: &str) -> Option<&'static dyn Effect> {
+    all().into_iter().find(|effect| effect.id() == id)
+}

@@ -1,0 +1,86 @@
+//! A shape whose normals are off.
+
+use glam::Vec3;
+use rayon::prelude::*;
+use render::math::Frame;
+
+use super::{Effect, Stage, Term};
+use crate::criticism::{formation::Bumps, scene::Scene, transport::reflect};
+
+/// δn(x), tangent to the surface, smooth over parts of it.
+pub struct NormalError;
+
+/// Parts of the surface that may be tilted.
+const REGIONS: usize = 36;
+
+impl Effect for NormalError {
+    fn id(&self) -> &'static str {
+        "normal_error"
+    }
+    fn describe(&self) -> &'static str {
+        "parts of the surface are tilted against the given shape"
+    }
+    fn stage(&self) -> Stage {
+        Stage::Material
+    }
+    fn confused_with(&self) -> &'static [&'static str] {
+        &["finer_albedo", "finer_environment", "pose_error"]
+    }
+    fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
+        // Change of a view's value when its normal is tilted by a radian along each of two tangents.
+        const STEP: f32 = 0.03;
+        let slopes: Vec<[[f32; 3]; 2]> = (0..scene.seen.views.len())
+            .into_par_iter()
+            .map(|v| {
+                let site = scene.seen.views[v].site as usize;
+                let normal = scene.seen.sites[site].point.normal;
+                let axes = Frame::new(normal);
+                let outgoing = scene.outgoing(v);
+                let albedo = scene.albedo_of(v);
+                let row = &scene.horizon.rows[site];
+                [axes.tangent, axes.bitangent].map(|along: Vec3| {
+                    let (plus, minus) = (
+                        (normal + STEP * along).normalize(),
+                        (normal - STEP * along).normalize(),
+                    );
+                    let mut sum = [0.0; 3];
+                    for (&texel, &weight) in row.texel.iter().zip(&row.weight) {
+                        let texel = usize::from(texel);
+                        let incident = scene.horizon.directions[texel];
+                        let cosine = normal.dot(incident).max(0.02);
+                        let of = |n: Vec3| {
+                            let (d, s) = reflect(scene.lobe, n, incident, outgoing);
+                            let share = n.dot(incident).max(0.0) / cosine;
+                            (share * d, share * s)
+                        };
+                        let ((d1, s1), (d0, s0)) = (of(plus), of(minus));
+                        for c in 0..3 {
+                            sum[c] += weight
+                                * scene.radiance[3 * texel + c]
+                                * (albedo[c] * (d1 - d0) + (s1 - s0))
+                                / (2.0 * STEP);
+                        }
+                    }
+                    sum
+                })
+            })
+            .collect();
+        let positions: Vec<Vec3> = scene.seen.sites.iter().map(|s| s.point.position).collect();
+        let regions = Bumps::new(&positions, REGIONS, 1.0);
+        let mut terms = Vec::new();
+        for k in 0..regions.bumps {
+            for axis in 0..2 {
+                let field = scene.on_views(|v| {
+                    let bump = regions.at(scene.seen.views[v].site as usize)[k];
+                    slopes[v][axis].map(|s| bump * s)
+                });
+                terms.push(Term::new(
+                    format!("tilt {axis} of region {k} (radian)"),
+                    0.05,
+                    field,
+                ));
+            }
+        }
+        terms
+    }
+}

@@ -1,0 +1,101 @@
+//! What several effects need: image operations, images' values between pixels, coarse grids of directions.
+
+use glam::Vec3;
+use render::image::Image;
+
+/// The Gaussian blur of an image by `sigma` pixels; beyond the border there is what is on it.
+pub fn blurred(image: &Image, sigma: f32) -> Image {
+    let reach = (3.0 * sigma).ceil().max(1.0) as isize;
+    let mut kernel: Vec<f32> = (-reach..=reach)
+        .map(|k| (-0.5 * (k as f32 / sigma).powi(2)).exp())
+        .collect();
+    let sum: f32 = kernel.iter().sum();
+    kernel.iter_mut().for_each(|k| *k /= sum);
+    let pass = |image: &Image, dx: isize, dy: isize| {
+        let mut out = Image::filled(image.width, image.height, image.channels, 0.0);
+        let clamp = |v: isize, size: usize| v.clamp(0, size as isize - 1) as usize;
+        for y in 0..image.height {
+            for x in 0..image.width {
+                for (k, weight) in (-reach..=reach).zip(&kernel) {
+                    let i = clamp(x as isize + k * dx, image.width);
+                    let j = clamp(y as isize + k * dy, image.height);
+                    let source = image.pixel(i, j);
+                    out.pixel_mut(x, y)
+                        .iter_mut()
+                        .zip(source)
+                        .for_each(|(o, s)| *o += weight * s);
+                }
+            }
+        }
+        out
+    };
+    pass(&pass(image, 1, 0), 0, 1)
+}
+
+/// The first three channels at the place (x, y), pixel corners at integers, bilinearly.
+pub fn sample(image: &Image, [x, y]: [f32; 2]) -> [f32; 3] {
+    let u = (x - 0.5).clamp(0.0, image.width as f32 - 1.0);
+    let v = (y - 0.5).clamp(0.0, image.height as f32 - 1.0);
+    let (i, j) = (u as usize, v as usize);
+    let (fx, fy) = (u - i as f32, v - j as f32);
+    let (i1, j1) = ((i + 1).min(image.width - 1), (j + 1).min(image.height - 1));
+    [0, 1, 2].map(|c| {
+        (1.0 - fy) * ((1.0 - fx) * image.pixel(i, j)[c] + fx * image.pixel(i1, j)[c])
+            + fy * ((1.0 - fx) * image.pixel(i, j1)[c] + fx * image.pixel(i1, j1)[c])
+    })
+}
+
+/// Central differences of an image at a place, across and down.
+pub fn gradient(image: &Image, [x, y]: [f32; 2]) -> ([f32; 3], [f32; 3]) {
+    let (left, right) = (sample(image, [x - 0.7, y]), sample(image, [x + 0.7, y]));
+    let (up, down) = (sample(image, [x, y - 0.7]), sample(image, [x, y + 0.7]));
+    (
+        [0, 1, 2].map(|c| (right[c] - left[c]) / 1.4),
+        [0, 1, 2].map(|c| (down[c] - up[c]) / 1.4),
+    )
+}
+
+/// The place of a direction on a grid that turns with the camera: azimuth from the camera's, and height, in cells.
+///
+/// Cells around the camera's own azimuth are narrow, those across from it wide.
+#[derive(Clone, Copy, Debug)]
+pub struct CameraGrid;
+
+/// Borders of the cells in azimuth from the camera, degrees.
+const AZIMUTHS: [f32; 9] = [-180.0, -90.0, -45.0, -24.0, -8.0, 8.0, 24.0, 45.0, 90.0];
+/// Borders of the cells in height (sine of elevation).
+const HEIGHTS: [f32; 6] = [-1.0, -0.6, -0.25, 0.1, 0.4, 0.75];
+
+impl CameraGrid {
+    /// The number of cells.
+    pub const CELLS: usize = AZIMUTHS.len() * HEIGHTS.len();
+
+    /// The cell that holds a direction seen from the origin, for a camera at the azimuth (cos, sin).
+    pub fn cell(direction: Vec3, [cos, sin]: [f32; 2]) -> usize {
+        let along = direction.x * cos + direction.y * sin;
+        let across = -direction.x * sin + direction.y * cos;
+        let azimuth = across.atan2(along).to_degrees();
+        let column = AZIMUTHS.iter().rposition(|&a| azimuth >= a).unwrap_or(0);
+        let row = HEIGHTS.iter().rposition(|&h| direction.z >= h).unwrap_or(0);
+        row * AZIMUTHS.len() + column
+    }
+
+    /// What a cell is, for people.
+    pub fn name(cell: usize) -> String {
+        let (row, column) = (cell / AZIMUTHS.len(), cell % AZIMUTHS.len());
+        let next = AZIMUTHS.get(column + 1).copied().unwrap_or(180.0);
+        let top = HEIGHTS.get(row + 1).copied().unwrap_or(1.0);
+        format!(
+            "azimuth {:.0}° to {next:.0}° from the camera, elevation {:.0}° to {:.0}°",
+            AZIMUTHS[column],
+            HEIGHTS[row].asin().to_degrees(),
+            top.asin().to_degrees()
+        )
+    }
+
+    /// Whether a cell is where somebody behind the camera would be.
+    pub fn behind_camera(cell: usize) -> bool {
+        let (row, column) = (cell / AZIMUTHS.len(), cell % AZIMUTHS.len());
+        (2..=6).contains(&column) && (1..=4).contains(&row)
+    }
+}

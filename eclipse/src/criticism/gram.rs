@@ -1,0 +1,141 @@
+//! Inner products of many columns at once.
+
+use pulp::Arch;
+use rayon::prelude::*;
+
+/// A row-major matrix of single precision.
+pub struct Matrix {
+    /// How many columns.
+    pub columns: usize,
+    /// `[row][column]`.
+    pub data: Vec<f32>,
+}
+
+/// Columns of a tile, and rows that stay in the cache meanwhile.
+const TALL: usize = 4;
+const WIDE: usize = 16;
+const ROWS: usize = 48;
+
+impl Matrix {
+    /// From its columns, of the rows that `rows` names.
+    pub fn from_columns(columns: &[Vec<f32>], rows: &[usize]) -> Self {
+        let width = columns.len();
+        let mut data = vec![0.0; width * rows.len()];
+        data.par_chunks_mut(width.max(1) * 64)
+            .zip(rows.par_chunks(64))
+            .for_each(|(out, rows)| {
+                for (out, &row) in out.chunks_exact_mut(width.max(1)).zip(rows) {
+                    for (o, column) in out.iter_mut().zip(columns) {
+                        *o = column[row];
+                    }
+                }
+            });
+        Self {
+            columns: width,
+            data,
+        }
+    }
+
+    /// How many rows.
+    pub fn rows(&self) -> usize {
+        self.data.len() / self.columns.max(1)
+    }
+
+    /// One row.
+    pub fn row(&self, row: usize) -> &[f32] {
+        &self.data[row * self.columns..(row + 1) * self.columns]
+    }
+
+    /// The inner products of the columns `a` with the columns `b`, added to `out` (`[column][column]`, all of them), summed
+    /// over these rows.
+    pub fn products(
+        &self,
+        rows: std::ops::Range<usize>,
+        a: std::ops::Range<usize>,
+        b: std::ops::Range<usize>,
+        out: &mut [f64],
+    ) {
+        let width = self.columns;
+        let band = &mut out[a.start * width..a.end * width];
+        band.par_chunks_mut(TALL * width)
+            .enumerate()
+            .for_each(|(tile, out)| {
+                let first = a.start + tile * TALL;
+                let tall = TALL.min(a.end - first);
+                Arch::new().dispatch(|| self.strip(rows.clone(), first, tall, b.clone(), out));
+            });
+    }
+
+    #[inline(always)]
+    fn strip(
+        &self,
+        rows: std::ops::Range<usize>,
+        first: usize,
+        tall: usize,
+        b: std::ops::Range<usize>,
+        out: &mut [f64],
+    ) {
+        let width = self.columns;
+        let mut start = rows.start;
+        while start < rows.end {
+            let end = (start + ROWS).min(rows.end);
+            let mut left = b.start;
+            while left < b.end {
+                let wide = WIDE.min(b.end - left);
+                let mut sums = [[0.0f32; WIDE]; TALL];
+                for row in start..end {
+                    let line = &self.data[row * width..(row + 1) * width];
+                    let mut right = [0.0f32; WIDE];
+                    if wide == WIDE {
+                        right.copy_from_slice(&line[left..left + WIDE]);
+                    } else {
+                        right[..wide].copy_from_slice(&line[left..left + wide]);
+                    }
+                    let mut factors = [0.0f32; TALL];
+                    factors[..tall].copy_from_slice(&line[first..first + tall]);
+                    for (sums, factor) in sums.iter_mut().zip(factors) {
+                        for (s, r) in sums.iter_mut().zip(right) {
+                            *s += factor * r;
+                        }
+                    }
+                }
+                for (k, sums) in sums[..tall].iter().enumerate() {
+                    let target = &mut out[k * width + left..][..wide];
+                    target
+                        .iter_mut()
+                        .zip(sums)
+                        .for_each(|(t, s)| *t += f64::from(*s));
+                }
+                left += wide;
+            }
+            start = end;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn products_are_those_of_columns() {
+        let columns: Vec<Vec<f32>> = (0..21)
+            .map(|c| {
+                (0..130)
+                    .map(|r| ((r * 7 + c * 13) % 11) as f32 - 5.0)
+                    .collect()
+            })
+            .collect();
+        let rows: Vec<usize> = (0..130).filter(|r| r % 3 != 0).collect();
+        let matrix = Matrix::from_columns(&columns, &rows);
+        let mut out = vec![0.0; 21 * 21];
+        matrix.products(0..rows.len(), 2..9, 0..21, &mut out);
+        for i in 2..9 {
+            for j in 0..21 {
+                let direct: f32 = rows.iter().map(|&r| columns[i][r] * columns[j][r]).sum();
+                assert_eq!(out[i * 21 + j], f64::from(direct));
+            }
+        }
+        assert_eq!(out[21 * 9], 0.0);
+    }
+}

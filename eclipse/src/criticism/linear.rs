@@ -1,0 +1,185 @@
+//! Linear algebra: conjugate gradients for what is known by its products, and small dense systems.
+
+/// Solves A x = b from `x` for a symmetric positive definite A known by its products; ends after `most` products or when
+/// the residual has fallen by `tolerance`.
+pub fn conjugate_gradients(
+    x: &mut [f32],
+    b: &[f32],
+    most: usize,
+    tolerance: f64,
+    mut product: impl FnMut(&[f32]) -> Vec<f32>,
+) {
+    let mut r = b.to_vec();
+    if x.iter().any(|&v| v != 0.0) {
+        let ax = product(x);
+        r.iter_mut().zip(ax).for_each(|(r, a)| *r -= a);
+    }
+    let mut p = r.clone();
+    let mut rr = dot(&r, &r);
+    let goal = tolerance * tolerance * dot(b, b);
+    for _ in 0..most {
+        if rr <= goal || rr == 0.0 {
+            break;
+        }
+        let ap = product(&p);
+        let curvature = dot(&p, &ap);
+        if curvature.is_nan() || curvature <= 0.0 {
+            break;
+        }
+        let step = rr / curvature;
+        for i in 0..x.len() {
+            x[i] += step as f32 * p[i];
+            r[i] -= step as f32 * ap[i];
+        }
+        let next = dot(&r, &r);
+        let ratio = (next / rr) as f32;
+        for i in 0..x.len() {
+            p[i] = r[i] + ratio * p[i];
+        }
+        rr = next;
+    }
+}
+
+/// The inner product in double precision.
+pub fn dot(a: &[f32], b: &[f32]) -> f64 {
+    a.iter()
+        .zip(b)
+        .map(|(x, y)| f64::from(*x) * f64::from(*y))
+        .sum()
+}
+
+/// A lower-triangular Cholesky factor, row-major.
+pub struct Cholesky {
+    n: usize,
+    l: Vec<f64>,
+}
+
+impl Cholesky {
+    /// Of the leading `n` × `n` part of a symmetric matrix of `stride` columns; pivots that vanish are lifted to a trace of
+    /// the largest, which leaves their direction unmoved.
+    pub fn new(a: &[f64], n: usize, stride: usize) -> Self {
+        let largest = (0..n).map(|i| a[i * stride + i]).fold(0.0, f64::max);
+        let floor = 1e-12 * largest.max(1e-300);
+        let mut l = vec![0.0; n * n];
+        for i in 0..n {
+            let (above, row) = l.split_at_mut(i * n);
+            for j in 0..i {
+                let other = &above[j * n..j * n + j];
+                let s = a[i * stride + j] - inner(&row[..j], other);
+                row[j] = s / above[j * n + j];
+            }
+            let s = a[i * stride + i] - inner(&row[..i], &row[..i]);
+            row[i] = s.max(floor).sqrt();
+        }
+        Self { n, l }
+    }
+
+    /// L⁻¹ b for many right-hand sides: `b` is `[row][column]`, `columns` wide.
+    pub fn forward(&self, b: &mut [f64], columns: usize) {
+        for i in 0..self.n {
+            let (done, rest) = b.split_at_mut(i * columns);
+            let row = &mut rest[..columns];
+            for j in 0..i {
+                let factor = self.l[i * self.n + j];
+                if factor != 0.0 {
+                    let source = &done[j * columns..(j + 1) * columns];
+                    row.iter_mut()
+                        .zip(source)
+                        .for_each(|(r, s)| *r -= factor * s);
+                }
+            }
+            let pivot = 1.0 / self.l[i * self.n + i];
+            row.iter_mut().for_each(|r| *r *= pivot);
+        }
+    }
+
+    /// L⁻ᵀ b, likewise.
+    pub fn backward(&self, b: &mut [f64], columns: usize) {
+        for i in (0..self.n).rev() {
+            let (head, rest) = b.split_at_mut((i + 1) * columns);
+            let row = &mut head[i * columns..];
+            for j in i + 1..self.n {
+                let factor = self.l[j * self.n + i];
+                if factor != 0.0 {
+                    let source = &rest[(j - i - 1) * columns..(j - i) * columns];
+                    row.iter_mut()
+                        .zip(source)
+                        .for_each(|(r, s)| *r -= factor * s);
+                }
+            }
+            let pivot = 1.0 / self.l[i * self.n + i];
+            row.iter_mut().for_each(|r| *r *= pivot);
+        }
+    }
+}
+
+fn inner(a: &[f64], b: &[f64]) -> f64 {
+    let mut lanes = [0.0f64; 4];
+    let (a4, a1) = a.as_chunks::<4>();
+    let (b4, b1) = b.as_chunks::<4>();
+    for (x, y) in a4.iter().zip(b4) {
+        for k in 0..4 {
+            lanes[k] += x[k] * y[k];
+        }
+    }
+    lanes.iter().sum::<f64>() + a1.iter().zip(b1).map(|(x, y)| x * y).sum::<f64>()
+}
+
+/// Minimises ½ βᵀAβ − bᵀβ with β ≥ `least`, by coordinate descent; A is symmetric and positive definite.
+pub fn bounded(a: &[f64], b: &[f64], least: &[f64]) -> Vec<f64> {
+    let n = b.len();
+    let mut x: Vec<f64> = least.iter().map(|&l| l.max(0.0)).collect();
+    if least.iter().all(|l| *l == f64::NEG_INFINITY) {
+        let factor = Cholesky::new(a, n, n);
+        let mut x = b.to_vec();
+        factor.forward(&mut x, 1);
+        factor.backward(&mut x, 1);
+        return x;
+    }
+    let mut gradient: Vec<f64> = (0..n)
+        .map(|i| inner(&a[i * n..(i + 1) * n], &x) - b[i])
+        .collect();
+    for _ in 0..2000 {
+        let mut moved = 0.0f64;
+        for i in 0..n {
+            let pivot = a[i * n + i];
+            if pivot <= 0.0 {
+                continue;
+            }
+            let next = (x[i] - gradient[i] / pivot).max(least[i]);
+            let step = next - x[i];
+            if step != 0.0 {
+                x[i] = next;
+                for (g, a) in gradient.iter_mut().zip(&a[i * n..(i + 1) * n]) {
+                    *g += step * a;
+                }
+                moved = moved.max(step.abs() * pivot.sqrt());
+            }
+        }
+        if moved < 1e-6 {
+            break;
+        }
+    }
+    x
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn systems_are_solved_within_bounds() {
+        let a = [4.0, 1.0, 1.0, 3.0];
+        let b = [1.0, 2.0];
+        let free = bounded(&a, &b, &[f64::NEG_INFINITY; 2]);
+        assert!((free[0] - 1.0 / 11.0).abs() < 1e-12 && (free[1] - 7.0 / 11.0).abs() < 1e-12);
+        let held = bounded(&a, &[-1.0, 2.0], &[0.0, 0.0]);
+        assert_eq!(held[0], 0.0);
+        assert!((held[1] - 2.0 / 3.0).abs() < 1e-9);
+        let mut x = vec![0.0f32; 2];
+        conjugate_gradients(&mut x, &[1.0, 2.0], 10, 1e-9, |v| {
+            vec![4.0 * v[0] + v[1], v[0] + 3.0 * v[1]]
+        });
+        assert!((f64::from(x[1]) - 7.0 / 11.0).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,35 @@
+//! Model criticism: where a simulation and its recording differ, what physics was left out, and the proof.
+
+pub mod chain;
+pub mod compete;
+pub mod dark;
+pub mod diagnose;
+pub mod diagnosis;
+pub mod effects;
+pub mod fit;
+pub mod formation;
+pub mod gram;
+pub mod linear;
+pub mod linearise;
+pub mod locate;
+pub mod maps;
+pub mod observe;
+pub mod oracle;
+pub mod page;
+pub mod plot;
+pub mod precision;
+pub mod reduce;
+pub mod scatter;
+pub mod scene;
+pub mod score;
+pub mod sealed;
+pub mod split;
+pub mod statistics;
+pub mod study;
+pub mod study_scores;
+pub mod transport;
+pub mod verdict;
+
+pub use diagnose::{DiagnoseError, Options, Outcome, diagnose};
+pub use diagnosis::{Diagnosis, Verdict};
+pub use study::Simulation;

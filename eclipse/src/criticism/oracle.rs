@@ -1,0 +1,55 @@
+//! What a refit gains that is told which effects are true: the yardstick of a diagnosis.
+
+use super::{
+    diagnose::{DiagnoseError, Outcome, REFIT_STEPS},
+    effects, sealed,
+};
+
+/// Gains on sealed patches over the first model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Yardstick {
+    /// Of the diagnosis's last model.
+    pub diagnosed: f64,
+    /// Of the model with the true effects.
+    pub told: f64,
+    /// Standard error of the latter.
+    pub error: f64,
+}
+
+/// Refits with the effects in `truth`; `None` where none of them is known or there are none.
+///
+/// # Errors
+/// A bug of the tape.
+pub fn yardstick(
+    outcome: &Outcome<'_>,
+    truth: &[String],
+) -> Result<Option<Yardstick>, DiagnoseError> {
+    let known: Vec<_> = truth.iter().filter_map(|id| effects::by_id(id)).collect();
+    if known.is_empty() {
+        return Ok(None);
+    }
+    let study = &outcome.study;
+    let mut told = outcome.before.duplicate(study)?;
+    // Where the diagnosis found the same, its model is the told one.
+    let same = outcome.after.active.len() == known.len()
+        && known
+            .iter()
+            .all(|e| outcome.after.active.iter().any(|a| a.effect.id() == e.id()));
+    if same {
+        told = outcome.after.duplicate(study)?;
+    } else {
+        for effect in known {
+            told.add(effect, Vec::new());
+        }
+        told.refine(study, REFIT_STEPS)?;
+    }
+    let errors = |fit| sealed::errors(study, fit, &outcome.before);
+    let before = errors(&outcome.before);
+    let gain = |fit| sealed::gain(&before, &errors(fit), false);
+    let (diagnosed, told) = (gain(&outcome.after), gain(&told));
+    Ok(Some(Yardstick {
+        diagnosed: diagnosed.gain,
+        told: told.gain,
+        error: told.error,
+    }))
+}

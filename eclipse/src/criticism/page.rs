@@ -1,0 +1,292 @@
+//! What a diagnosis leaves: `diagnosis.json`, `diagnosis.html`, and maps of residuals as OpenEXR.
+
+use std::{fs, io, path::Path};
+
+use base64::{Engine, engine::general_purpose::STANDARD};
+use render::image::Image;
+
+use super::{
+    diagnose::Outcome,
+    diagnosis::{Diagnosis, Finding},
+    effects, maps, plot,
+};
+use crate::{
+    files::atomic,
+    image_io::{ImageIoError, encode_png8, linear_to_srgb, write_exr},
+    layout,
+};
+
+/// Residuals of this many standard deviations are fully coloured.
+const RANGE: f32 = 4.0;
+/// Frames shown on the page.
+const SHOWN: usize = 6;
+
+/// Writes everything into a folder, the page last.
+///
+/// # Errors
+/// A file that cannot be written.
+pub fn write(folder: &Path, outcome: &Outcome<'_>) -> Result<(), PageError> {
+    fs::create_dir_all(folder.join("maps"))?;
+    let frames = maps::frames(outcome);
+    for (t, frame) in frames.iter().enumerate() {
+        let name = |what: &str| {
+            folder
+                .join("maps")
+                .join(format!("{what}-{}", layout::numbered(t)))
+        };
+        let rgb = ["R", "G", "B"];
+        write_exr(&name("residual-before"), &frame.residual[0], &rgb)?;
+        write_exr(&name("residual-after"), &frame.residual[1], &rgb)?;
+        write_exr(&name("significance-before"), &frame.significance[0], &["Y"])?;
+        write_exr(&name("significance-after"), &frame.significance[1], &["Y"])?;
+    }
+    let json = serde_json::to_string_pretty(&outcome.diagnosis)?;
+    put(&folder.join("diagnosis.json"), &json)?;
+    put(&folder.join("diagnosis.html"), &html(outcome, &frames)?)?;
+    Ok(())
+}
+
+fn put(path: &Path, text: &str) -> Result<(), io::Error> {
+    use io::Write;
+    atomic::write(path, |file| file.write_all(text.as_bytes()))
+}
+
+fn html(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, PageError> {
+    let d = &outcome.diagnosis;
+    let name = outcome.study.capture.path.file_name();
+    let name = name.map_or("capture".into(), |n| n.to_string_lossy());
+    let verdict = serde_json::to_value(d.verdict)?;
+    let verdict = verdict.as_str().unwrap_or_default().replace('_', " ");
+    Ok(format!(
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\n\
+         <title>Diagnosis of {title}</title>\n<style>{style}</style></head><body>\n<h1>{title}: {verdict}</h1>\n\
+         <p class=\"sentence\">{sentence}</p>\n{found}{pictures}{spots}{ranking}{plots}{others}\
+         <footer>Written by eclipse {version}. Gains are reductions of squared error in units of the noise's variance. Sealed data: \
+         one patch of surface and one frame in seven, seen by no fit.</footer></body></html>\n",
+        title = escaped(&name),
+        style = include_str!("page.css"),
+        sentence = escaped(&d.sentence),
+        found = found(d),
+        pictures = pictures(outcome, frames)?,
+        spots = spots(d),
+        ranking = ranking(d),
+        plots = d.axes.iter().map(plot::axis).collect::<String>(),
+        others = others(d),
+        version = env!("CARGO_PKG_VERSION"),
+    ))
+}
+
+fn found(d: &Diagnosis) -> String {
+    if d.effects.is_empty() {
+        return String::new();
+    }
+    let rows: String = d.effects.iter().map(finding).collect();
+    format!(
+        "<h2>Added to the model</h2><table><tr><th>effect</th><th>size in the image</th><th>sealed gain</th><th>p (Holm)</th>\
+         <th>survival</th><th>minimum detectable</th><th>as good</th><th>easily confused with</th></tr>{rows}</table>"
+    )
+}
+
+fn finding(f: &Finding) -> String {
+    let confused = effects::by_id(f.id).map_or(String::new(), |e| e.confused_with().join(", "));
+    let mut strongest: Vec<(&String, f64, f64)> = f
+        .parameters
+        .iter()
+        .map(|(n, v)| (n, *v, f.standard_errors.get(n).copied().unwrap_or(f64::NAN)))
+        .collect();
+    strongest.sort_by(|a, b| (b.1 / b.2).abs().total_cmp(&(a.1 / a.2).abs()));
+    let numbers: String = strongest
+        .iter()
+        .take(6)
+        .map(|(n, v, e)| format!("<li>{} = {v:.4} ± {e:.4}</li>", escaped(n)))
+        .collect();
+    format!(
+        "<tr><td><b>{}</b><ul>{numbers}</ul></td><td>{:.2} %</td><td>{:.0} ± {:.0}</td><td>{:.1e}</td><td>{:.2}</td><td>{:.2} %</td>\
+         <td>{}</td><td>{confused}</td></tr>",
+        f.id,
+        100.0 * f.size,
+        f.sealed_gain,
+        f.sealed_gain_se,
+        f.p_holm,
+        f.survival,
+        100.0 * f.minimum_detectable,
+        f.ambiguous_with.join(", ")
+    )
+}
+
+fn pictures(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, PageError> {
+    // The frames with the largest hot spots, then evenly spread ones.
+    let mut order: Vec<usize> = outcome
+        .diagnosis
+        .hot_spots
+        .iter()
+        .map(|s| s.frame)
+        .collect();
+    let step = frames.len().div_ceil(SHOWN).max(1);
+    order.extend((0..frames.len()).step_by(step));
+    let mut shown: Vec<usize> = Vec::new();
+    for t in order {
+        if !shown.contains(&t) && shown.len() < SHOWN {
+            shown.push(t);
+        }
+    }
+    let photographs: Vec<&Image> = outcome
+        .study
+        .capture
+        .frames
+        .iter()
+        .map(|f| &f.image)
+        .collect();
+    let mut values: Vec<f32> = photographs
+        .iter()
+        .flat_map(|i| i.data.iter().copied())
+        .collect();
+    values.sort_unstable_by(f32::total_cmp);
+    let white = values
+        .get(values.len() * 995 / 1000)
+        .map_or(1.0, |v| v.max(1e-6));
+    let mut rows = String::new();
+    for t in shown {
+        let maps = &frames[t];
+        let cells = [
+            picture(photographs[t], |p| {
+                [0, 1, 2].map(|c| linear_to_srgb(p[c] / white))
+            })?,
+            picture(&maps.model, |p| {
+                [0, 1, 2].map(|c| linear_to_srgb(p[c] / white))
+            })?,
+            picture(&maps.significance[0], |p| diverging(p[0] / RANGE))?,
+            picture(&maps.significance[1], |p| diverging(p[0] / RANGE))?,
+        ];
+        rows += &format!(
+            "<tr><td>{t}</td>{}</tr>",
+            cells.map(|c| format!("<td>{c}</td>")).concat()
+        );
+    }
+    Ok(format!(
+        "<h2>Photograph, model, residual in σ before and after</h2><p>Red: the photograph is brighter; blue: darker; full colour at ±{RANGE} σ, \
+         one scale for both.</p><table class=\"pictures\"><tr><th>frame</th><th>photograph</th><th>model</th><th>before</th><th>after</th></tr>{rows}</table>"
+    ))
+}
+
+fn picture(image: &Image, of: impl Fn(&[f32]) -> [f32; 3]) -> Result<String, PageError> {
+    let mut display = Image::filled(image.width, image.height, 3, 0.0);
+    for (out, pixel) in display
+        .data
+        .chunks_exact_mut(3)
+        .zip(image.data.chunks_exact(image.channels))
+    {
+        out.copy_from_slice(&of(pixel));
+    }
+    let png = encode_png8(&display, Path::new("diagnosis.html"))?;
+    Ok(format!(
+        "<img alt=\"\" src=\"data:image/png;base64,{}\">",
+        STANDARD.encode(png)
+    ))
+}
+
+/// White at zero, red above, blue below.
+fn diverging(x: f32) -> [f32; 3] {
+    let s = x.clamp(-1.0, 1.0).abs();
+    if x.is_nan() {
+        [0.9, 0.9, 0.9]
+    } else if x > 0.0 {
+        [1.0 - 0.2 * s, 1.0 - 0.9 * s, 1.0 - 0.85 * s]
+    } else {
+        [1.0 - 0.85 * s, 1.0 - 0.65 * s, 1.0 - 0.2 * s]
+    }
+}
+
+fn spots(d: &Diagnosis) -> String {
+    if d.hot_spots.is_empty() {
+        return "<h2>Where they differ</h2><p>Nowhere beyond noise.</p>".into();
+    }
+    let rows: String = d
+        .hot_spots
+        .iter()
+        .map(|s| {
+            let [l, t, r, b] = s.pixels;
+            let [x, y, z] = s.surface_point;
+            format!(
+                "<tr><td>{}</td><td>{l:.0}–{r:.0} × {t:.0}–{b:.0}</td><td>({x:.2}, {y:.2}, {z:.2})</td><td>{:+.1} σ</td><td>{:+.1} %</td></tr>",
+                s.frame,
+                s.sigma,
+                100.0 * s.relative
+            )
+        })
+        .collect();
+    format!(
+        "<h2>Where they differ most, before</h2><table><tr><th>frame</th><th>pixels</th><th>surface</th><th>mean residual</th>\
+         <th>relative</th></tr>{rows}</table>"
+    )
+}
+
+fn ranking(d: &Diagnosis) -> String {
+    let rows: String = d
+        .ranking
+        .iter()
+        .map(|r| {
+            format!(
+                "<tr{}><td>{}</td><td>{:.0} ± {:.0}</td><td>{:.1e}</td><td>{:.2} %</td><td>{:.2}</td><td>{:.2} %</td></tr>",
+                if r.capacity { " class=\"capacity\"" } else { "" },
+                r.id,
+                r.gain,
+                r.gain_se,
+                r.p,
+                100.0 * r.size,
+                r.survival,
+                100.0 * r.minimum_detectable
+            )
+        })
+        .collect();
+    format!(
+        "<h2>All effects, by gain on held-out patches</h2><table><tr><th>effect</th><th>gain</th><th>p</th><th>size</th><th>survival</th>\
+         <th>minimum detectable</th></tr>{rows}</table><p class=\"capacity\">Grey: not physics, but more freedom for light, albedo or occluders.</p>"
+    )
+}
+
+fn others(d: &Diagnosis) -> String {
+    let list = |map: &std::collections::BTreeMap<String, f64>, unit: &str| -> String {
+        map.iter()
+            .map(|(n, v)| format!("<li>{}: {v:.3}{unit}</li>", escaped(n)))
+            .collect()
+    };
+    let command = d.command.as_ref().map_or(String::new(), |c| {
+        format!("<p>To reconstruct with it: <code>{}</code></p>", escaped(c))
+    });
+    format!(
+        "<h2>Numbers</h2>{command}<p>χ² a sealed value {:.3} → {:.3}; RMS difference {:.5} → {:.5}; structured mismatch {:.3} → {:.3} of the noise's variance.</p>\
+         <p>How far the refit moved what was fitted before (relative RMS):</p><ul>{}</ul><p>Seconds:</p><ul>{}</ul>",
+        d.sealed.chi2_before,
+        d.sealed.chi2_after,
+        d.sealed.rmse_before,
+        d.sealed.rmse_after,
+        d.structured[0],
+        d.structured[1],
+        list(&d.moved, ""),
+        list(&d.seconds, " s")
+    )
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
+}
+
+/// Why the results could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum PageError {
+    /// A file.
+    #[error(
+        "cannot write the diagnosis: {0}; check that the folder may be written and the disk is not full"
+    )]
+    Io(#[from] io::Error),
+    /// An image.
+    #[error(transparent)]
+    Image(#[from] ImageIoError),
+    /// A number that JSON cannot hold.
+    #[error("cannot write diagnosis.json: {0}")]
+    Json(#[from] serde_json::Error),
+}

@@ -1,0 +1,321 @@
+//! A capture and its simulation, prepared to be compared.
+
+use std::{path::Path, sync::Arc};
+
+use render::{bvh::Bvh, image::Image, lat_long::LatLong, mesh::MeshError};
+
+use super::{
+    fit::FitError,
+    formation::{Bumps, Formation},
+    observe::Observations,
+    split::{Role, dark_role, role},
+    transport::{Horizon, Lobe, Transport},
+};
+use crate::{
+    capture::Capture,
+    image_io::{self, ExrFile, ImageIoError},
+    layout,
+    reconstruct::noise,
+    reconstruction::{Noise, Reconstruction},
+};
+
+/// What of a reconstruction a diagnosis starts from.
+#[derive(Clone, Debug)]
+pub struct Simulation {
+    /// Radiance, equirectangular, three channels.
+    pub environment: Image,
+    /// The lobe; `None` for Lambertian surfaces.
+    pub lobe: Option<Lobe>,
+    /// The photographs as it renders them.
+    pub renders: Vec<Image>,
+    /// What each frame's occluder lets through, if it has occluders.
+    pub occluders: Vec<Image>,
+}
+
+impl Simulation {
+    /// Of a reconstruction in memory.
+    pub fn of(reconstruction: &Reconstruction) -> Self {
+        Self {
+            environment: reconstruction.environment.clone(),
+            lobe: lobe_of(&reconstruction.materials),
+            renders: reconstruction.renders.clone(),
+            occluders: reconstruction.occluders.clone(),
+        }
+    }
+}
+
+impl Simulation {
+    /// Of the folder that `reconstruct` wrote, for a capture of `frames` frames.
+    ///
+    /// # Errors
+    /// A file that is missing or damaged.
+    pub fn load(folder: &Path, frames: usize) -> Result<Self, ImageIoError> {
+        let numbered = |name: &str, t: usize| folder.join(name).join(layout::numbered(t));
+        let renders = (0..frames)
+            .map(|t| image_io::read_exr(&numbered(layout::RENDERS, t)))
+            .collect::<Result<_, _>>()?;
+        let materials: Vec<Image> = (0..frames)
+            .map(|t| {
+                Ok(materials_of(&image_io::read_exr_file(&numbered(
+                    layout::MATERIALS,
+                    t,
+                ))?))
+            })
+            .collect::<Result<_, ImageIoError>>()?;
+        // A run without occluders leaves none.
+        let occluders = if numbered(layout::OCCLUDERS, 0).is_file() {
+            (0..frames)
+                .map(|t| image_io::read_exr(&numbered(layout::OCCLUDERS, t)))
+                .collect::<Result<_, _>>()?
+        } else {
+            Vec::new()
+        };
+        Ok(Self {
+            environment: image_io::read_exr(&folder.join(layout::ENVIRONMENT))?,
+            lobe: lobe_of(&materials),
+            renders,
+            occluders,
+        })
+    }
+}
+
+/// The mean lobe of material images (`R G B alpha kappa`), where they hold an object that has one.
+pub fn lobe_of(materials: &[Image]) -> Option<Lobe> {
+    let (mut alpha, mut kappa, mut count) = (0.0f64, 0.0f64, 0u64);
+    for image in materials.iter().filter(|image| image.channels == 5) {
+        for pixel in image.data.chunks_exact(5) {
+            if pixel[3] > 0.0 && pixel[..3].iter().any(|&a| a > 0.0) {
+                alpha += f64::from(pixel[3]);
+                kappa += f64::from(pixel[4]);
+                count += 1;
+            }
+        }
+    }
+    let (alpha, kappa) = (alpha / count as f64, kappa / count as f64);
+    (count > 0 && kappa > 1e-6).then_some(Lobe {
+        alpha: alpha as f32,
+        kappa: kappa as f32,
+    })
+}
+
+/// What does not change during a diagnosis.
+pub struct Study<'a> {
+    /// The photographs.
+    pub capture: &'a Capture,
+    /// The shape.
+    pub bvh: Bvh,
+    /// The photographs' noise.
+    pub noise: Noise,
+    /// What is looked at.
+    pub seen: Observations,
+    /// What may be done with each observation.
+    pub role: Vec<Role>,
+    /// `[observation][colour]`.
+    pub value: Vec<f32>,
+    /// Variances of the values.
+    pub variance: Vec<f32>,
+    /// What every site sees.
+    pub horizon: Horizon,
+    /// Radiance of the simulation on the grid, `[texel][colour]`.
+    pub radiance: Vec<f32>,
+    /// Its lobe.
+    pub lobe: Option<Lobe>,
+    /// Its renders.
+    pub renders: Vec<Image>,
+    /// Radius of the object.
+    pub radius: f32,
+    texture: Arc<Bumps>,
+    base: f32,
+}
+
+impl<'a> Study<'a> {
+    /// Prepares about `sites` places of the surface and a grid of light of `rows` × 2 `rows`.
+    ///
+    /// # Errors
+    /// A mesh that cannot be traced, or no place that is seen well.
+    pub fn new(
+        capture: &'a Capture,
+        simulation: &Simulation,
+        sites: usize,
+        rows: usize,
+        seed: u64,
+    ) -> Result<Self, StudyError> {
+        let bvh = Bvh::new(&capture.mesh)?;
+        let noise = noise::estimate(&capture.frames);
+        let seen = Observations::gather(capture, &bvh, &noise, sites, seed);
+        if seen.views.len() < 200 {
+            return Err(StudyError::TooLittle {
+                views: seen.views.len(),
+            });
+        }
+        let points: Vec<_> = seen.sites.iter().map(|s| s.point).collect();
+        let grid = LatLong::new(rows, 2 * rows);
+        let horizon = Horizon::new(&bvh, grid, &points);
+        let positions: Vec<_> = points.iter().map(|p| p.position).collect();
+        let radiance = resampled(&simulation.environment, grid);
+        let mean = radiance.iter().map(|&l| f64::from(l)).sum::<f64>() / radiance.len() as f64;
+        let role = (0..seen.len())
+            .map(|i| match seen.views.get(i) {
+                Some(view) => role(
+                    seen.sites[view.site as usize].place,
+                    view.frame,
+                    seen.frames,
+                ),
+                None => {
+                    let dark = &seen.dark[i - seen.views.len()];
+                    dark_role(dark.patch, dark.frame, seen.frames)
+                }
+            })
+            .collect();
+        let (value, variance) = (0..seen.len())
+            .map(|i| seen.value(i))
+            .unzip::<_, _, Vec<_>, Vec<_>>();
+        Ok(Self {
+            capture,
+            noise,
+            role,
+            value: value.into_flattened(),
+            variance: variance.into_flattened(),
+            horizon,
+            base: mean.max(1e-6).ln() as f32,
+            radiance,
+            lobe: simulation.lobe,
+            renders: cut_out(capture, &simulation.renders),
+            radius: capture.mesh.bounding_radius(),
+            texture: Arc::new(Bumps::texture(&positions)),
+            seen,
+            bvh,
+        })
+    }
+
+    /// Image formation under a lobe.
+    ///
+    /// # Errors
+    /// A bug of the tape.
+    pub fn formation(&self, lobe: Option<Lobe>) -> Result<Formation, FitError> {
+        self.formation_with(Arc::new(Transport::new(&self.horizon, &self.seen, lobe)))
+    }
+
+    /// Image formation with this transport.
+    ///
+    /// # Errors
+    /// A bug of the tape.
+    pub fn formation_with(&self, transport: Arc<Transport>) -> Result<Formation, FitError> {
+        Ok(Formation::new(
+            self.horizon.grid,
+            transport,
+            &self.seen,
+            self.texture.clone(),
+            self.base,
+        )?)
+    }
+
+    /// Puts other values, `[observation][colour]`, in the place of the photographs', with their variances: for simulations.
+    ///
+    /// # Panics
+    /// When their number is not that of the photographs' own.
+    pub fn replace(&mut self, value: Vec<f32>, variance: Vec<f32>) {
+        assert_eq!(
+            (value.len(), variance.len()),
+            (self.value.len(), self.variance.len())
+        );
+        (self.value, self.variance) = (value, variance);
+    }
+
+    /// Whether an observation takes part in fits.
+    pub fn develops(&self, i: usize) -> bool {
+        matches!(self.role[i], Role::Development(_))
+    }
+
+    /// Whether an observation may tell its site's own albedo: those of development, nothing sealed.
+    pub fn fits_albedo(&self, i: usize) -> bool {
+        self.develops(i)
+    }
+
+    /// The block an observation belongs to: its patch of surface, or of the image. Errors within a block are not independent.
+    pub fn block(&self, i: usize) -> usize {
+        match self.seen.views.get(i) {
+            Some(view) => usize::from(self.seen.sites[view.site as usize].place.patch),
+            None => {
+                let dark = &self.seen.dark[i - self.seen.views.len()];
+                self.seen.patches + dark.patch as usize % 24
+            }
+        }
+    }
+}
+
+/// Radiance on `grid`.
+fn resampled(environment: &Image, grid: LatLong) -> Vec<f32> {
+    let from = LatLong::new(environment.height, environment.width);
+    (0..grid.len())
+        .flat_map(|t| {
+            let direction = grid.texel_direction(t / grid.columns, t % grid.columns);
+            let around = from.bilinear(direction);
+            [0, 1, 2].map(|c| {
+                (0..4)
+                    .map(|k| {
+                        let texel = around.index[k] as usize;
+                        around.weight[k] * environment.data[environment.channels * texel + c]
+                    })
+                    .sum::<f32>()
+            })
+        })
+        .collect()
+}
+
+/// Renders with the photographs' own coverage, so that edges are where they are in the photographs.
+fn cut_out(capture: &Capture, renders: &[Image]) -> Vec<Image> {
+    capture
+        .frames
+        .iter()
+        .enumerate()
+        .map(|(t, frame)| {
+            let (width, height) = (frame.image.width, frame.image.height);
+            let mut image = match renders.get(t) {
+                Some(render) if (render.width, render.height) == (width, height) => render.clone(),
+                _ => frame.image.clone(),
+            };
+            for (pixel, mask) in image.data.chunks_exact_mut(3).zip(&frame.mask.data) {
+                pixel.iter_mut().for_each(|p| *p *= mask);
+            }
+            image
+        })
+        .collect()
+}
+
+/// Why a capture cannot be diagnosed.
+#[derive(Debug, thiserror::Error)]
+pub enum StudyError {
+    /// The mesh cannot be traced.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+    /// Nothing to compare.
+    #[error(
+        "only {views} places of the surface are seen well in three frames or more; expected at least 200: check masks and poses, \
+         or take more photographs"
+    )]
+    TooLittle {
+        /// How many.
+        views: usize,
+    },
+}
+
+/// A material image from its file, channels in the order of [`layout::MATERIAL_CHANNELS`].
+fn materials_of(file: &ExrFile) -> Image {
+    let channels: Vec<Option<usize>> = layout::MATERIAL_CHANNELS
+        .iter()
+        .map(|name| file.channel_names.iter().position(|n| n == name))
+        .collect();
+    let image = &file.image;
+    let mut out = Image::filled(image.width, image.height, 5, 0.0);
+    for (target, source) in out
+        .data
+        .chunks_exact_mut(5)
+        .zip(image.data.chunks_exact(image.channels))
+    {
+        for (t, channel) in target.iter_mut().zip(&channels) {
+            *t = channel.map_or(0.0, |c| source[c]);
+        }
+    }
+    out
+}

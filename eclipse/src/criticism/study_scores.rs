@@ -1,0 +1,184 @@
+//! Scores of diagnoses against labels.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::{Diagnosis, Verdict, oracle::Yardstick};
+
+/// Identifier of an effect that no table knows.
+const OUTSIDE: &str = "outside";
+
+/// One capture's outcome.
+#[derive(Clone, Debug, Serialize)]
+pub struct Case {
+    /// Its name.
+    pub capture: String,
+    /// What is true.
+    pub truth: Vec<String>,
+    /// The verdict.
+    pub verdict: Verdict,
+    /// What was added to the model, in order.
+    pub found: Vec<String>,
+    /// What the first finding is ambiguous with.
+    pub ambiguous_with: Vec<String>,
+    /// The physics that ranks first in the first screening.
+    pub first: String,
+    /// Its gain and standard error.
+    pub first_gain: [f64; 2],
+    /// Gain on sealed data of everything that was found.
+    pub sealed_gain: f64,
+    /// That gain over the gain of a refit that was told the truth, both on sealed patches; absent where the latter is not
+    /// three standard errors.
+    pub gain_over_oracle: Option<f64>,
+    /// χ² a sealed value before and after.
+    pub sealed_chi2: [f64; 2],
+    /// The sentence.
+    pub sentence: String,
+    /// Seconds it took.
+    pub seconds: f64,
+}
+
+impl Case {
+    /// Of a diagnosis.
+    pub fn new(capture: &str, truth: &[String], d: &Diagnosis, measure: Option<Yardstick>) -> Self {
+        let physics = d.ranking.iter().find(|r| !r.capacity);
+        Self {
+            capture: capture.to_owned(),
+            truth: truth.to_vec(),
+            verdict: d.verdict,
+            found: d.effects.iter().map(|e| e.id.to_owned()).collect(),
+            ambiguous_with: d.effects.first().map_or(Vec::new(), |e| {
+                e.ambiguous_with.iter().map(|s| (*s).to_owned()).collect()
+            }),
+            first: physics.map_or(String::new(), |r| r.id.to_owned()),
+            first_gain: physics.map_or([0.0; 2], |r| [r.gain, r.gain_se]),
+            sealed_gain: d.effects.iter().map(|e| e.sealed_gain).sum(),
+            gain_over_oracle: measure
+                .filter(|m| m.told > 3.0 * m.error)
+                .map(|m| m.diagnosed / m.told),
+            sealed_chi2: [d.sealed.chi2_before, d.sealed.chi2_after],
+            sentence: d.sentence.clone(),
+            seconds: d.seconds.get("all").copied().unwrap_or(0.0),
+        }
+    }
+
+    /// Whether the true effect comes first: named, or leading the ranking where nothing was named.
+    fn top1(&self) -> bool {
+        self.found.first().is_some_and(|f| self.truth.contains(f))
+    }
+
+    fn in_set(&self) -> bool {
+        let mut set = self.found.first().into_iter().chain(&self.ambiguous_with);
+        set.any(|f| self.truth.contains(f))
+    }
+
+    /// A line for people.
+    pub fn line(&self) -> String {
+        format!(
+            "{:20} truth [{}]: {:?} [{}] ambiguous [{}] first {} {:.0} ± {:.0}, sealed χ² {:.2} → {:.2}, {:.0} s",
+            self.capture,
+            self.truth.join(", "),
+            self.verdict,
+            self.found.join(", "),
+            self.ambiguous_with.join(", "),
+            self.first,
+            self.first_gain[0],
+            self.first_gain[1],
+            self.sealed_chi2[0],
+            self.sealed_chi2[1],
+            self.seconds,
+        )
+    }
+}
+
+/// Scores of all captures.
+#[derive(Clone, Debug, Serialize)]
+pub struct Scores {
+    /// Share of single effects that were named first.
+    pub top1: Option<f64>,
+    /// Share of single effects within the ambiguity set.
+    pub in_set: Option<f64>,
+    /// Share of nulls in which something was found.
+    pub false_alarm_rate: Option<f64>,
+    /// Share of compounds of which both effects were found.
+    pub compound_both: Option<f64>,
+    /// Share of captures with physics outside the table in which nothing was named.
+    pub abstains_outside: Option<f64>,
+    /// Mean of the captures' own.
+    pub gain_over_oracle: Option<f64>,
+    /// Truth → named first → how often.
+    pub confusion: BTreeMap<String, BTreeMap<String, usize>>,
+    /// Every capture.
+    pub captures: Vec<Case>,
+}
+
+impl Scores {
+    /// Of these cases.
+    pub fn new(captures: Vec<Case>) -> Self {
+        let share = |of: &dyn Fn(&&Case) -> bool, hit: &dyn Fn(&Case) -> bool| {
+            let chosen: Vec<&Case> = captures.iter().filter(|c| of(c)).collect();
+            (!chosen.is_empty())
+                .then(|| chosen.iter().filter(|c| hit(c)).count() as f64 / chosen.len() as f64)
+        };
+        let outside = |c: &Case| c.truth.iter().any(|t| t == OUTSIDE);
+        let single = |c: &&Case| c.truth.len() == 1 && !outside(c);
+        let mut confusion: BTreeMap<String, BTreeMap<String, usize>> = BTreeMap::new();
+        for case in &captures {
+            let truth = if case.truth.is_empty() {
+                "nothing".to_owned()
+            } else {
+                case.truth.join("+")
+            };
+            let named = case
+                .found
+                .first()
+                .cloned()
+                .unwrap_or_else(|| "nothing".to_owned());
+            *confusion
+                .entry(truth)
+                .or_default()
+                .entry(named)
+                .or_default() += 1;
+        }
+        Self {
+            top1: share(&single, &Case::top1),
+            in_set: share(&single, &Case::in_set),
+            false_alarm_rate: share(&|c| c.truth.is_empty(), &|c| !c.found.is_empty()),
+            compound_both: share(&|c| c.truth.len() > 1, &|c| {
+                c.truth.iter().all(|t| c.found.contains(t))
+            }),
+            abstains_outside: share(&|c| outside(c), &|c| c.found.is_empty()),
+            gain_over_oracle: mean(captures.iter().filter_map(|c| c.gain_over_oracle)),
+            confusion,
+            captures,
+        }
+    }
+
+    /// For people.
+    pub fn table(&self) -> String {
+        let number = |v: Option<f64>| v.map_or("–".to_owned(), |v| format!("{v:.2}"));
+        let mut text = String::new();
+        for (name, value) in [
+            ("true effect first, single effects", self.top1),
+            ("truth within the ambiguity set", self.in_set),
+            ("false alarms on nulls", self.false_alarm_rate),
+            ("both effects of compounds", self.compound_both),
+            ("abstains outside the table", self.abstains_outside),
+            ("sealed gain over a told refit", self.gain_over_oracle),
+        ] {
+            text += &format!("{name:36} {}\n", number(value));
+        }
+        text += "\ntruth → named first\n";
+        for (truth, row) in &self.confusion {
+            let row: Vec<String> = row.iter().map(|(n, k)| format!("{n} {k}")).collect();
+            text += &format!("{truth:36} {}\n", row.join(", "));
+        }
+        text
+    }
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let values: Vec<f64> = values.collect();
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}

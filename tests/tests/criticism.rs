@@ -1,0 +1,336 @@
+//! Effects planted in the model's own images are found, and at their null they change no bit.
+
+use std::sync::Arc;
+
+use eclipse::{
+    capture::{Capture, Frame},
+    criticism::{
+        Simulation,
+        chain::{Chain, Link},
+        compete,
+        diagnose::screen_at,
+        effects::{self, Effect, Term},
+        fit::Fit,
+        score::Screen,
+        study::Study,
+        transport::Lobe,
+    },
+};
+use eclipse_tests::scenes::{add_sphere, interior};
+use glam::Vec3;
+use render::{
+    bvh::Bvh, camera::Camera, image::Image, lat_long::LatLong, mesh::Mesh, sampler::SampleKey,
+};
+
+const SIZE: usize = 48;
+const FRAMES: usize = 14;
+const NOISE: f32 = 0.01;
+
+/// Three balls in a heap: concavities, cast shadows and normals of all directions.
+fn heap() -> Mesh {
+    let mut mesh = Mesh::default();
+    for (centre, radius) in [
+        (Vec3::new(-0.45, -0.1, -0.2), 0.5),
+        (Vec3::new(0.45, 0.05, -0.25), 0.45),
+        (Vec3::new(0.0, 0.1, 0.4), 0.38),
+    ] {
+        add_sphere(&mut mesh, centre, radius, 24);
+    }
+    mesh
+}
+
+/// A capture whose photographs are plausible pictures; the tests put the model's own values in their place.
+fn capture(ceiling: f32) -> Capture {
+    let mesh = heap();
+    let bvh = Bvh::new(&mesh).unwrap();
+    let frames = (0..FRAMES).map(|t| {
+        let azimuth = t as f32 / FRAMES as f32 * std::f32::consts::TAU;
+        let height = 0.25 + 0.5 * ((t * 5) % FRAMES) as f32 / FRAMES as f32;
+        let eye = 5.0 * Vec3::new(azimuth.cos(), azimuth.sin(), height).normalize();
+        let camera = Camera::look_at(SIZE, SIZE, 0.5, eye, Vec3::ZERO);
+        let mask = Image {
+            width: SIZE,
+            height: SIZE,
+            channels: 1,
+            data: bvh.coverage(&camera, 3),
+        };
+        let mut image = Image::filled(SIZE, SIZE, 3, 0.0);
+        for p in 0..SIZE * SIZE {
+            let (x, y) = ((p % SIZE) as f32 + 0.5, (p / SIZE) as f32 + 0.5);
+            if let Some((point, _)) = bvh.seen(&camera, x, y) {
+                let light = 0.35 + 0.25 * point.normal.dot(Vec3::new(0.3, -0.8, 0.5));
+                for c in 0..3 {
+                    let wave = (4.0 * point.position[c] + c as f32).sin();
+                    image.data[3 * p + c] = (light * (0.5 + 0.25 * wave)).min(ceiling);
+                }
+            }
+        }
+        Frame {
+            name: format!("{t:03}"),
+            camera,
+            image,
+            mask,
+        }
+    });
+    Capture {
+        path: "heap".into(),
+        frames: frames.collect(),
+        mesh,
+        centre: Vec3::ZERO,
+    }
+}
+
+fn study(capture: &Capture) -> Study<'_> {
+    let simulation = Simulation {
+        environment: interior(LatLong::new(20, 40)).image().clone(),
+        lobe: Some(Lobe {
+            alpha: 0.4,
+            kappa: 0.05,
+        }),
+        renders: capture.frames.iter().map(|f| f.image.clone()).collect(),
+        occluders: Vec::new(),
+    };
+    Study::new(capture, &simulation, 700, 20, 3).unwrap()
+}
+
+/// The true model: the simulation's light on a smooth texture.
+fn truth(study: &Study<'_>) -> Fit {
+    let mut fit = Fit::start(study).unwrap();
+    let mut stream = SampleKey {
+        seed: 5,
+        ..SampleKey::default()
+    }
+    .stream();
+    for w in &mut fit.parameters.texture {
+        *w = 0.8 * (stream.uniform() - 0.5);
+    }
+    fit.evaluate(study).unwrap();
+    fit
+}
+
+fn terms(study: &Study<'_>, fit: &Fit, effect: &'static dyn Effect) -> Arc<Vec<Term>> {
+    Arc::new(effect.terms(&fit.scene(study)))
+}
+
+/// Puts the true model's values with `beta` of an effect and noise into the study.
+fn plant(
+    study: &mut Study<'_>,
+    effect: Option<(&'static dyn Effect, &dyn Fn(usize, &Term) -> f64)>,
+) {
+    let fit = truth(study);
+    let mut values = fit.ideal.clone();
+    if let Some((effect, beta)) = effect {
+        let terms = terms(study, &fit, effect);
+        let betas: Vec<f64> = terms.iter().enumerate().map(|(k, t)| beta(k, t)).collect();
+        let link = Link { effect, terms };
+        let mut chain = Chain::new(&[link], study.seen.len()).unwrap();
+        chain.bind(&fit.ideal, &[betas]).unwrap();
+        values = chain.values().unwrap();
+    }
+    let mut stream = SampleKey {
+        seed: 9,
+        ..SampleKey::default()
+    }
+    .stream();
+    let mut normal = || (0..12).map(|_| stream.uniform()).sum::<f32>() - 6.0;
+    let variance: Vec<f32> = values
+        .iter()
+        .map(|v| (NOISE * v).powi(2) + 0.002f32.powi(2))
+        .collect();
+    for (value, variance) in values.iter_mut().zip(&variance) {
+        *value += variance.sqrt() * normal();
+    }
+    study.replace(values, variance);
+}
+
+fn screened(study: &Study<'_>) -> Screen {
+    let mut fit = Fit::start(study).unwrap();
+    fit.refine(study, 6).unwrap();
+    screen_at(study, &fit, effects::all().into_iter()).unwrap()
+}
+
+#[test]
+fn nulls_change_no_bit() {
+    let capture = capture(1.0);
+    let study = study(&capture);
+    let fit = truth(&study);
+    let plain = Chain::new(&[], study.seen.len()).and_then(|mut chain| {
+        chain.bind(&fit.ideal, &[])?;
+        chain.values()
+    });
+    let plain = plain.unwrap();
+    for effect in effects::all() {
+        let terms = terms(&study, &fit, effect);
+        let betas = vec![0.0; terms.len()];
+        let mut chain = Chain::new(&[Link { effect, terms }], study.seen.len()).unwrap();
+        chain.bind(&fit.ideal, &[betas]).unwrap();
+        let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+        assert_eq!(
+            bits(&chain.values().unwrap()),
+            bits(&plain),
+            "{}",
+            effect.id()
+        );
+    }
+}
+
+#[test]
+fn a_true_null_has_nothing_to_tell() {
+    let capture = capture(1.0);
+    let mut study = study(&capture);
+    plant(&mut study, None);
+    let screen = screened(&study);
+    assert!(compete::choose(&screen).is_none(), "{:?}", screen.scores[0]);
+    let chi2 = screen.before / screen.count as f64;
+    assert!((0.7..1.4).contains(&chi2), "{chi2}");
+}
+
+/// Plants an effect and asserts that it leads the physics of the first screening, among the first `among`.
+fn finds(id: &str, ceiling: f32, among: usize, beta: &dyn Fn(usize, &Term) -> f64) {
+    let capture = capture(ceiling);
+    let mut study = study(&capture);
+    let effect = effects::by_id(id).unwrap();
+    plant(&mut study, Some((effect, beta)));
+    let screen = screened(&study);
+    let physics: Vec<_> = screen
+        .scores
+        .iter()
+        .filter(|s| effects::by_id(s.id).is_some_and(|e| !e.is_capacity()))
+        .collect();
+    let at = physics.iter().position(|s| s.id == id).unwrap();
+    let list: Vec<_> = physics
+        .iter()
+        .take(6)
+        .map(|s| (s.id, s.gain, s.gain_se))
+        .collect();
+    assert!(at < among, "{id} comes {at}: {list:?}");
+    assert!(
+        physics[at].gain > 3.0 * physics[at].gain_se,
+        "{id}: {list:?}"
+    );
+}
+
+/// Deviations of a pattern without regularity.
+fn pattern(k: usize) -> f64 {
+    ((k * 37 + 11) % 17) as f64 / 8.0 - 1.0
+}
+
+#[test]
+fn a_moving_occluder_is_found() {
+    finds("moving_occluder", 1.0, 1, &|_, t| {
+        let behind = t.name.contains("-8° to 8° from") && t.name.contains("6° to 24°");
+        if behind { 0.9 } else { 0.0 }
+    });
+}
+
+#[test]
+fn exposure_drift_is_found() {
+    finds("exposure_drift", 1.0, 1, &|k, _| {
+        if k % 3 == 0 { 0.05 * pattern(k) } else { 0.0 }
+    });
+}
+
+#[test]
+fn a_response_curve_is_found() {
+    finds("response_curve", 1.0, 1, &|k, _| [-0.2, 0.0, 0.0][k]);
+}
+
+#[test]
+fn vignetting_is_found() {
+    finds("vignetting", 1.0, 1, &|k, _| [-0.3, -0.1][k]);
+}
+
+#[test]
+fn a_black_level_is_found() {
+    finds("black_level", 1.0, 1, &|_, _| 0.012);
+}
+
+#[test]
+fn veiling_glare_is_found() {
+    finds("veiling_glare", 1.0, 1, &|k, _| [0.0, 0.03, 0.04][k]);
+}
+
+#[test]
+fn clipping_is_found() {
+    finds("clipping", 0.24, 1, &|k, _| [0.0, 0.9][k]);
+}
+
+#[test]
+fn a_moving_light_is_found() {
+    finds("moving_light", 1.0, 1, &|_, t| {
+        if t.name == "turn about z with time (radian)" {
+            0.25
+        } else {
+            0.0
+        }
+    });
+}
+
+#[test]
+fn defocus_is_found() {
+    finds("defocus", 1.0, 1, &|k, _| [0.0, 0.8][k]);
+}
+
+#[test]
+fn wrong_poses_are_found() {
+    finds("pose_error", 1.0, 1, &|k, _| 0.7 * pattern(k));
+}
+
+#[test]
+fn haze_is_found() {
+    finds("medium", 1.0, 1, &|k, _| [0.12, 0.0, 0.0, 0.0][k]);
+}
+
+#[test]
+fn interreflection_is_found() {
+    finds("interreflection", 1.0, 3, &|_, _| 1.0);
+}
+
+#[test]
+fn emission_is_found() {
+    finds("emission", 1.0, 3, &|k, _| {
+        [0.1, 0.05, 0.02].get(k).copied().unwrap_or(0.0)
+    });
+}
+
+#[test]
+fn a_near_light_is_found() {
+    finds("near_field_light", 1.0, 3, &|k, _| {
+        if k == 20 { 1.2 } else { 0.0 }
+    });
+}
+
+#[test]
+fn a_bright_ground_is_found() {
+    finds("ground_bounce", 1.0, 3, &|k, _| {
+        if k < 3 { 0.8 } else { 0.0 }
+    });
+}
+
+#[test]
+fn a_gloss_is_found() {
+    finds("specular_lobe", 1.0, 3, &|k, _| {
+        if k == 0 { 0.08 } else { 0.0 }
+    });
+}
+
+#[test]
+fn translucency_is_found() {
+    finds("translucency", 1.0, 3, &|k, _| [0.0, 0.6][k]);
+}
+
+#[test]
+fn tilted_normals_are_found() {
+    finds("normal_error", 1.0, 3, &|k, _| 0.15 * pattern(k));
+}
+
+#[test]
+fn a_pale_occluder_is_found() {
+    finds("occluder_bounce", 1.0, 2, &|_, t| {
+        if t.name.contains("-8° to 8° from") {
+            1.5
+        } else {
+            0.0
+        }
+    });
+}
