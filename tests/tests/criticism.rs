@@ -112,11 +112,11 @@ fn terms(study: &Study<'_>, fit: &Fit, effect: &'static dyn Effect) -> Arc<Vec<T
     Arc::new(effect.terms(&fit.scene(study)))
 }
 
+/// An effect and how much of each of its columns a term has.
+type Planted<'a> = (&'static dyn Effect, &'a dyn Fn(usize, &Term) -> f64);
+
 /// Puts the true model's values with `beta` of an effect and noise into the study.
-fn plant(
-    study: &mut Study<'_>,
-    effect: Option<(&'static dyn Effect, &dyn Fn(usize, &Term) -> f64)>,
-) {
+fn plant(study: &mut Study<'_>, effect: Option<Planted<'_>>) {
     let fit = truth(study);
     let mut values = fit.ideal.clone();
     if let Some((effect, beta)) = effect {

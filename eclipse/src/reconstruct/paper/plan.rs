@@ -41,7 +41,7 @@ const CACHE_SHARE: f64 = 0.15;
 const BYTES_PER_FACE: u64 = 400;
 
 /// The size of an iteration, kept when a run goes on with other limits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Plan {
     /// Pixels, each rendered twice.
     pub pixels: u64,
@@ -162,17 +162,6 @@ impl Plan {
                 0 => 0,
                 side => VisibilityCache::bytes(cached, grid, side as usize) as u64,
             },
-        }
-    }
-}
-
-impl Default for Plan {
-    fn default() -> Self {
-        Self {
-            pixels: 0,
-            rays: 0,
-            cells: 0,
-            side: 0,
         }
     }
 }
