@@ -30,6 +30,9 @@ pub mod study_scores;
 pub mod transport;
 pub mod verdict;
 
+#[doc = include_str!("guide.md")]
+pub mod guide {}
+
 pub use diagnose::{DiagnoseError, Options, Outcome, diagnose};
 pub use diagnosis::{Diagnosis, Verdict};
 pub use study::Simulation;
