@@ -175,6 +175,7 @@ fn nulls_change_no_bit() {
 }
 
 #[test]
+#[ignore = "a minute each; run with --ignored"]
 fn a_true_null_has_nothing_to_tell() {
     let capture = capture(1.0);
     let mut study = study(&capture);
@@ -216,6 +217,7 @@ fn pattern(k: usize) -> f64 {
 }
 
 #[test]
+#[ignore = "a minute each; run with --ignored"]
 fn a_moving_occluder_is_found() {
     finds("moving_occluder", 1.0, 1, &|_, t| {
         let behind = t.name.contains("-8° to 8° from") && t.name.contains("6° to 24°");
@@ -224,6 +226,7 @@ fn a_moving_occluder_is_found() {
 }
 
 #[test]
+#[ignore = "a minute each; run with --ignored"]
 fn exposure_drift_is_found() {
     finds("exposure_drift", 1.0, 1, &|k, _| {
         if k % 3 == 0 { 0.05 * pattern(k) } else { 0.0 }
@@ -231,31 +234,37 @@ fn exposure_drift_is_found() {
 }
 
 #[test]
+#[ignore = "a minute each; run with --ignored"]
 fn a_response_curve_is_found() {
     finds("response_curve", 1.0, 1, &|k, _| [-0.2, 0.0, 0.0][k]);
 }
 
 #[test]
+#[ignore = "a minute each; run with --ignored"]
 fn vignetting_is_found() {
     finds("vignetting", 1.0, 1, &|k, _| [-0.3, -0.1][k]);
 }
 
 #[test]
+#[ignore = "a minute each; run with --ignored"]
 fn a_black_level_is_found() {
     finds("black_level", 1.0, 1, &|_, _| 0.012);
 }
 
 #[test]
+#[ignore = "a minute each; run with --ignored"]
 fn veiling_glare_is_found() {
     finds("veiling_glare", 1.0, 1, &|k, _| [0.0, 0.03, 0.04][k]);
 }
 
 #[test]
+#[ignore = "a minute each; run with --ignored"]
 fn clipping_is_found() {
     finds("clipping", 0.24, 1, &|k, _| [0.0, 0.9][k]);
 }
 
 #[test]
+#[ignore = "a minute each; run with --ignored"]
 fn a_moving_light_is_found() {
     finds("moving_light", 1.0, 1, &|_, t| {
         if t.name == "turn about z with time (radian)" {
@@ -267,26 +276,31 @@ fn a_moving_light_is_found() {
 }
 
 #[test]
+#[ignore = "a minute each; run with --ignored"]
 fn defocus_is_found() {
     finds("defocus", 1.0, 1, &|k, _| [0.0, 0.8][k]);
 }
 
 #[test]
+#[ignore = "a minute each; run with --ignored"]
 fn wrong_poses_are_found() {
     finds("pose_error", 1.0, 1, &|k, _| 0.7 * pattern(k));
 }
 
 #[test]
+#[ignore = "a minute each; run with --ignored"]
 fn haze_is_found() {
     finds("medium", 1.0, 1, &|k, _| [0.12, 0.0, 0.0, 0.0][k]);
 }
 
 #[test]
+#[ignore = "a minute each; run with --ignored"]
 fn interreflection_is_found() {
     finds("interreflection", 1.0, 3, &|_, _| 1.0);
 }
 
 #[test]
+#[ignore = "a minute each; run with --ignored"]
 fn emission_is_found() {
     finds("emission", 1.0, 3, &|k, _| {
         [0.1, 0.05, 0.02].get(k).copied().unwrap_or(0.0)
@@ -294,6 +308,7 @@ fn emission_is_found() {
 }
 
 #[test]
+#[ignore = "a minute each; run with --ignored"]
 fn a_near_light_is_found() {
     finds("near_field_light", 1.0, 3, &|k, _| {
         if k == 20 { 1.2 } else { 0.0 }
@@ -301,6 +316,7 @@ fn a_near_light_is_found() {
 }
 
 #[test]
+#[ignore = "a minute each; run with --ignored"]
 fn a_bright_ground_is_found() {
     finds("ground_bounce", 1.0, 3, &|k, _| {
         if k < 3 { 0.8 } else { 0.0 }
@@ -308,6 +324,7 @@ fn a_bright_ground_is_found() {
 }
 
 #[test]
+#[ignore = "a minute each; run with --ignored"]
 fn a_gloss_is_found() {
     finds("specular_lobe", 1.0, 3, &|k, _| {
         if k == 0 { 0.08 } else { 0.0 }
@@ -315,16 +332,19 @@ fn a_gloss_is_found() {
 }
 
 #[test]
+#[ignore = "a minute each; run with --ignored"]
 fn translucency_is_found() {
     finds("translucency", 1.0, 3, &|k, _| [0.0, 0.6][k]);
 }
 
 #[test]
+#[ignore = "a minute each; run with --ignored"]
 fn tilted_normals_are_found() {
     finds("normal_error", 1.0, 3, &|k, _| 0.15 * pattern(k));
 }
 
 #[test]
+#[ignore = "a minute each; run with --ignored"]
 fn a_pale_occluder_is_found() {
     finds("occluder_bounce", 1.0, 2, &|_, t| {
         if t.name.contains("-8° to 8° from") {
