@@ -118,12 +118,9 @@ impl Scene<'_> {
             Some(masks) => masks.shells.slots(),
             None => (0..all).collect(),
         };
-        let outgoing: Vec<Vec3> = frames
-            .iter()
-            .map(|&t| (self.eyes[t as usize] - place.position).normalize())
-            .collect();
-        let mut diffuse = vec![[0.0f32; 3]; frames.len()];
-        let mut specular = vec![[0.0f32; 3]; frames.len()];
+        let outgoing = Outgoing::new(place, frames, self.eyes);
+        let mut passed = vec![0.0; frames.len()];
+        let mut lit = Lit::new(frames.len());
         let mut received: [Vec<f32>; 3] = std::array::from_fn(|_| vec![0.0; all]);
         let mut share = vec![1.0; all];
         let (mut sum, mut squares) = (vec![0.0f32; all], vec![0.0f32; all]);
@@ -150,44 +147,115 @@ impl Scene<'_> {
                 }
                 continue;
             };
-            for (k, &frame) in frames.iter().enumerate() {
-                let share = share[slot[frame as usize]];
-                let (d, s) = reflect(lobe, place.normal, direction, outgoing[k]);
-                for c in 0..3 {
-                    diffuse[k][c] += share * light[c] * d;
-                    specular[k][c] += share * light[c] * s;
-                }
+            for (passed, &frame) in passed.iter_mut().zip(frames) {
+                *passed = share[slot[frame as usize]];
             }
+            lit.add(
+                lobe,
+                place.normal.dot(direction),
+                direction,
+                &outgoing,
+                &passed,
+                light,
+            );
         }
-        let of_frame = frames.iter().zip(diffuse.iter().zip(&specular));
+        let of_frame = frames.iter().enumerate();
         of_frame
-            .map(|(&frame, (&diffuse, &specular))| Shade {
-                frame,
-                diffuse: match self.lobe {
-                    None => std::array::from_fn(|c| FRAC_1_PI * received[c][slot[frame as usize]]),
-                    Some(_) => diffuse,
-                },
-                specular,
-                concentration: {
-                    let slot = slot[frame as usize];
-                    squares[slot] / (sum[slot] * sum[slot]).max(1e-30)
-                },
+            .map(|(k, &frame)| {
+                let slot = slot[frame as usize];
+                Shade {
+                    frame,
+                    diffuse: match self.lobe {
+                        None => std::array::from_fn(|c| FRAC_1_PI * received[c][slot]),
+                        Some(_) => std::array::from_fn(|c| lit.diffuse[c][k]),
+                    },
+                    specular: std::array::from_fn(|c| lit.specular[c][k]),
+                    concentration: squares[slot] / (sum[slot] * sum[slot]).max(1e-30),
+                }
             })
             .collect()
     }
 }
 
-/// Reflectance (1/sr) of an albedo of one, and of the specular lobe.
-#[inline]
-fn reflect(lobe: Lobe, normal: Vec3, incident: Vec3, outgoing: Vec3) -> (f32, f32) {
-    // Interpolated normals can tilt away from the camera at the silhouette: there the surface is as if just seen.
-    let tilt = (0.02 - normal.dot(outgoing)).max(0.0);
-    match Cosines::new(normal, incident, (outgoing + tilt * normal).normalize()) {
-        Some(cosines) => {
-            let (factor, specular) = microfacet(cosines, lobe.alpha, lobe.kappa);
-            (FRAC_1_PI * factor, specular)
+/// Directions to the cameras, component by component, and their cosines with the normal.
+struct Outgoing {
+    direction: [Vec<f32>; 3],
+    cosine: Vec<f32>,
+}
+
+impl Outgoing {
+    fn new(place: &SurfacePoint, frames: &[u32], eyes: &[Vec3]) -> Self {
+        let all: Vec<Vec3> = frames
+            .iter()
+            .map(|&t| {
+                let outgoing = (eyes[t as usize] - place.position).normalize();
+                // Interpolated normals can tilt away from the camera at the silhouette: there the surface is as if just
+                // seen.
+                let tilt = (0.02 - place.normal.dot(outgoing)).max(0.0);
+                (outgoing + tilt * place.normal).normalize()
+            })
+            .collect();
+        Self {
+            direction: std::array::from_fn(|i| all.iter().map(|o| o[i]).collect()),
+            cosine: all.iter().map(|o| place.normal.dot(*o)).collect(),
         }
-        None => (0.0, 0.0),
+    }
+}
+
+/// Light reflected towards cameras, `[channel][frame]`: of an albedo of one, and by the lobe.
+struct Lit {
+    diffuse: [Vec<f32>; 3],
+    specular: [Vec<f32>; 3],
+}
+
+impl Lit {
+    fn new(frames: usize) -> Self {
+        let zero = || std::array::from_fn(|_| vec![0.0; frames]);
+        Self {
+            diffuse: zero(),
+            specular: zero(),
+        }
+    }
+
+    /// Adds what comes from the unit `direction`, of which `passed` reaches the surface in each frame.
+    ///
+    /// Frames lie side by side and nothing branches, so that the loop runs on whole vectors.
+    fn add(
+        &mut self,
+        lobe: Lobe,
+        incident: f32,
+        direction: Vec3,
+        outgoing: &Outgoing,
+        passed: &[f32],
+        light: [f32; 3],
+    ) {
+        if incident <= 0.0 {
+            return;
+        }
+        let count = passed.len();
+        let [x, y, z] = outgoing.direction.each_ref().map(|v| &v[..count]);
+        let cosine = &outgoing.cosine[..count];
+        let [d0, d1, d2] = self.diffuse.each_mut().map(|v| &mut v[..count]);
+        let [s0, s1, s2] = self.specular.each_mut().map(|v| &mut v[..count]);
+        for k in 0..count {
+            // The half vector (i + o)/|i + o|, where |i + o|² = 2 + 2 i·o.
+            let both = x[k] * direction.x + y[k] * direction.y + z[k] * direction.z;
+            let scale = 1.0 / (2.0 + 2.0 * both).max(1e-12).sqrt();
+            let cosines = Cosines {
+                incident,
+                outgoing: cosine[k],
+                half: (incident + cosine[k]) * scale,
+                difference: (1.0 + both) * scale,
+            };
+            let (factor, specular) = microfacet(cosines, lobe.alpha, lobe.kappa);
+            let (factor, specular) = (FRAC_1_PI * factor * passed[k], specular * passed[k]);
+            d0[k] += light[0] * factor;
+            d1[k] += light[1] * factor;
+            d2[k] += light[2] * factor;
+            s0[k] += light[0] * specular;
+            s1[k] += light[1] * specular;
+            s2[k] += light[2] * specular;
+        }
     }
 }
 
