@@ -76,22 +76,40 @@ impl Stand {
     }
 }
 
-/// The start: an upright person, seen from the front, a bit taller than the camera is held.
+/// The start, before anything is known of the operator: logits of how probable it is that a place is behind them.
 ///
-/// Logits of opacity; the person is `height` tall and `half_width` wide at most, in units of the
-/// cameras' mean distance.
-pub fn person(height: f32, half_width: f32) -> Vec<f32> {
+/// Upright people of all the sizes that a capture's unknown scale allows, holding the camera before their eyes.
+pub fn someone() -> Vec<f32> {
+    const SIZES: usize = 10;
     (0..TEXTURE.len())
         .map(|i| {
             let u =
                 ((i % TEXTURE.columns) as f32 + 0.5) / TEXTURE.columns as f32 * 2.0 * REACH - REACH;
             let v =
                 TOP - ((i / TEXTURE.columns) as f32 + 0.5) / TEXTURE.rows as f32 * (TOP - BOTTOM);
-            let middle = 0.1 - 0.5 * height;
-            let r = ((u / half_width).powi(2) + ((v - middle) / (0.5 * height)).powi(2)).sqrt();
-            (6.0 * (1.0 - r)).clamp(-8.0, 2.0)
+            let covered = |size: usize| {
+                let share = (size as f32 + 0.5) / SIZES as f32;
+                sigmoid(person(SMALLEST * (TALLEST / SMALLEST).powf(share), u, v))
+            };
+            let mean = (0..SIZES).map(covered).sum::<f32>() / SIZES as f32;
+            (mean / (1.0 - mean)).ln().clamp(-8.0, 2.0)
         })
         .collect()
+}
+
+/// The least height of a person, and the greatest, in units of the cameras' mean distance.
+const SMALLEST: f32 = 1.5;
+const TALLEST: f32 = 3.3;
+/// Half a person's width over their height, arms at their sides.
+const HALF_WIDTH: f32 = 0.14;
+/// How much of a person is above the camera.
+const ABOVE: f32 = 0.06;
+
+/// Logit of opacity at (u, v) of a person of this height.
+fn person(height: f32, u: f32, v: f32) -> f32 {
+    let middle = (ABOVE - 0.5) * height;
+    let r = ((u / (HALF_WIDTH * height)).powi(2) + ((v - middle) / (0.5 * height)).powi(2)).sqrt();
+    (6.0 * (1.0 - r)).clamp(-8.0, 8.0)
 }
 
 /// The texels of a grid, for each frame, that the cutout may cover as seen from the origin: what the tape needs.

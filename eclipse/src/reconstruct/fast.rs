@@ -21,6 +21,8 @@ const LARGEST_CHANGE: f32 = 3.0;
 
 /// How often a step that does not lower the cost is shortened before another direction is sought.
 const HALVINGS: usize = 2;
+/// The damping of the first step, far from everything.
+const FIRST_DAMPING: f32 = 4000.0;
 /// The damping never falls below: there is always the prior.
 const LEAST_DAMPING: f32 = 1e-3;
 
@@ -141,7 +143,7 @@ impl From<Vec<f32>> for Start {
     fn from(z: Vec<f32>) -> Self {
         Self {
             z,
-            damping: 10.0,
+            damping: FIRST_DAMPING,
             step: 0,
         }
     }

@@ -4,6 +4,7 @@ use std::{collections::BTreeMap, time::Instant};
 
 use render::{bvh::Bvh, lat_long::LatLong, mesh::MeshError};
 
+mod evidence;
 mod frames;
 mod plan;
 mod round;
@@ -13,7 +14,7 @@ mod state;
 use frames::Frames;
 use plan::Plan;
 use round::RoundStart;
-use schedule::{LEGS, Place, SECOND_DAMPING};
+use schedule::{LEGS, Place, ROUND_DAMPING};
 
 use super::{
     fast::{self, Problem, Stage, Start},
@@ -93,30 +94,41 @@ pub fn run(
         settings.seed,
         &used,
     );
+    let mut problem = Problem {
+        bvh: &bvh,
+        frames: &capture.frames,
+        noise: &noise,
+        occluders: settings.occluders.then_some(settings.occluder_prior),
+        harmonic_degree: settings.harmonic_degree,
+        seed: settings.seed,
+        threads: settings.threads,
+    };
     let mut last: Option<(Shared, Vec<f32>)> = None;
-    while first < LEGS.len() {
+    'stages: while first < LEGS.len() {
         let (leg, mut stage) = (&LEGS[first], LEGS[first].stage);
         let rounds = leg.held.len();
         stage.rows = stage.rows.min(settings.grid_rows);
         stage.patches = stage.patches.min(plan.patches);
         run.report("visibility of the surface", f64::NAN, 0.0);
-        let problem = Problem {
-            bvh: &bvh,
-            frames: &capture.frames,
-            noise: &run.noise,
-            occluders: settings.occluders.then_some(settings.occluder_prior),
-            harmonic_degree: settings.harmonic_degree,
-            seed: settings.seed,
-            threads: settings.threads,
-        };
         let (observations, mut shared) = fast::prepare(&problem, &stage, &used)?;
         if observations.views.is_empty() {
             return Err(ReconstructError::NothingToFit);
         }
         let mut resumed = start.is_some();
+        if let Some(from) = &start
+            && problem.occluders.is_some()
+            && from.z.len() == shared.ranges()[0].len()
+        {
+            // The run that is continued had found that nothing blocks the light.
+            problem.occluders = None;
+            continue 'stages;
+        }
         let mut from = match (start.take(), &last) {
             (Some(start), _) => start,
-            (None, Some((coarse, z))) => Start::from(fast::refine(coarse, z, &shared)),
+            (None, Some((coarse, z))) => Start {
+                damping: ROUND_DAMPING,
+                ..Start::from(fast::refine(coarse, z, &shared))
+            },
             (None, None) => Start::from(vec![0.0; shared.parameters()]),
         };
         for z in [
@@ -149,11 +161,17 @@ pub fn run(
             let (z, damping) = run.steps(leg.name, place, &stage, &shared, from)?;
             round += 1;
             from = Start {
-                damping: damping.min(SECOND_DAMPING),
+                damping: damping.max(ROUND_DAMPING),
                 ..Start::from(z)
             };
             if run.ended != Ended::Converged {
                 break;
+            }
+            let occluders = shared.ranges()[1].len();
+            if (first, round) == (0, 1) && run.unoccluded(&problem, &stage, occluders, &used)? {
+                problem.occluders = None;
+                (run.round, round) = (None, 0);
+                continue 'stages;
             }
         }
         last = Some((shared, from.z));
@@ -167,7 +185,13 @@ pub fn run(
         (first, round) = (first + 1, 0);
     }
     let (shared, z) = last.ok_or(ReconstructError::NothingToFit)?;
-    run.finish(&bvh, &surface, &frames, &shared, &z)
+    let mut found = run.finish(&bvh, &surface, &frames, &shared, &z)?;
+    if settings.occluders && problem.occluders.is_none() {
+        found.notes.push(
+            "the photographs show no sign of an occluder: what occluders explain is no more than chance".to_owned(),
+        );
+    }
+    Ok(found)
 }
 
 fn check_length(z: Option<&Vec<f32>>, expected: usize) -> Result<(), CheckpointError> {

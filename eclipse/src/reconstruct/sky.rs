@@ -70,7 +70,7 @@ impl SkyModel {
         let pyramid = Pyramid::new(TEXTURE, TEXTURE_DEVIATIONS.len());
         let deviation = level_deviations(&pyramid, &TEXTURE_DEVIATIONS);
         let program = record_cutout(&pyramid)?;
-        let start = cutout::person(2.2, 0.3);
+        let start = cutout::someone();
         Ok(Self::Cutout(Box::new(CutoutModel {
             stands,
             start,

@@ -21,7 +21,7 @@ pub(super) const LEGS: [Leg; 2] = [
             rows: 25,
             patches: 800,
             members: 8,
-            steps: 4,
+            steps: 6,
             products: 25,
         },
         held: &[2, 2, 1, 1],
@@ -38,8 +38,9 @@ pub(super) const LEGS: [Leg; 2] = [
         held: &[0; 10],
     },
 ];
-/// The damping with which a later round begins: near the solution, but on changed data.
-pub(super) const SECOND_DAMPING: f32 = 1.0;
+/// The damping with which a round begins at least: its data have changed. Small steps first, so that light and occluders are
+/// found together: a long first step piles light up in the wrong place, and shadows then follow it there.
+pub(super) const ROUND_DAMPING: f32 = 300.0;
 /// Share of the time limit after which the coarse stage ends.
 const COARSE_SHARE: f64 = 0.4;
 /// Share of the time limit kept for materials and images, and seconds that suffice for them.
