@@ -3,6 +3,9 @@
 use super::super::fast::{self, Problem, Stage, Start};
 use super::{ReconstructError, Run};
 
+/// The prior ties most parameters of an occluder to each other: they count for no more than this share of the values.
+const OF_VALUES: f64 = 0.1;
+
 impl Run<'_> {
     /// Whether the occluders of the round just ended explain no more than as many parameters would of anything.
     ///
@@ -26,14 +29,16 @@ impl Run<'_> {
             occluders: None,
             ..*problem
         };
-        let (_, shared) = fast::prepare(&clear, stage, used)?;
+        let (observations, shared) = fast::prepare(&clear, stage, used)?;
         let mut cost = f64::INFINITY;
         let start = Start::from(vec![0.0; shared.parameters()]);
-        let found = fast::solve(&shared, stage, start, &mut |step| {
+        fast::solve(&shared, stage, start, &mut |step| {
             cost = step.cost;
             !self.control.stopped()
         })?;
-        let gain = cost - last.loss;
-        Ok(gain < occluders as f64 * found.chi2.max(1.0))
+        let values = 3.0 * observations.views.len() as f64;
+        let parameters = (occluders as f64).min(OF_VALUES * values);
+        let chi2 = 2.0 * cost / values;
+        Ok(cost - last.loss < parameters * chi2.max(1.0))
     }
 }

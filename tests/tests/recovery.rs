@@ -1,0 +1,84 @@
+//! Captures are taken apart: what moving shadows tell is found, and nothing where there are none.
+
+use eclipse::{
+    capture::Capture,
+    control::Control,
+    evaluate::environment,
+    image_io::read_exr,
+    reconstruct,
+    reconstruction::Reconstruction,
+    settings::Settings,
+    synthesize::{Occluders, Pattern, Scene, Shooting, synthesize},
+};
+use eclipse_tests::{
+    perfect::{self, bundled},
+    scenes,
+};
+use render::{bsdf::Model, lat_long::LatLong};
+
+/// What a few steps recover of a matte object, occluders modelled or not.
+fn recovered(capture: &Capture, occluders: bool, iterations: u64) -> Reconstruction {
+    let settings = Settings {
+        lambertian: true,
+        occluders,
+        time_limit: None,
+        iterations: Some(iterations),
+        ..Settings::default()
+    };
+    reconstruct::run(capture, &settings, &Control::detached()).unwrap()
+}
+
+#[test]
+fn moving_shadows_tell_more_of_the_light_than_shading() {
+    let capture = perfect::capture();
+    let truth = read_exr(&bundled().join("truth/environment.exr")).unwrap();
+    let error = |occluders: bool| {
+        let found = recovered(&capture, occluders, 10).environment;
+        let score = environment::compare(&found, &truth).score;
+        score
+            .texels
+            .relative_rmse_aligned
+            .expect("the truth is not black")
+    };
+    let [with, without] = [error(true), error(false)];
+    assert!(
+        with < 0.85 * without,
+        "{with} with shadows modelled, {without} without"
+    );
+}
+
+/// Frames of a pair of balls in a room, with an operator or without.
+fn pair(occluders: Occluders) -> Capture {
+    let scene = Scene {
+        mesh: scenes::pair().mesh().clone(),
+        environment: scenes::interior(LatLong::new(50, 100)).image().clone(),
+        model: Model::Lambertian,
+        albedo: Pattern {
+            mean: [0.6, 0.5, 0.4],
+            variation: 0.2,
+        },
+        alpha: 0.5,
+        kappa: 0.04,
+        occluders,
+    };
+    let shooting = Shooting {
+        frames: 16,
+        resolution: 40,
+        distance: 4.0,
+        noise: 0.002,
+        seed: 5,
+    };
+    synthesize(&scene, &shooting, |_| true).unwrap().capture
+}
+
+#[test]
+fn nobody_is_found_where_nobody_stood() {
+    let found = recovered(&pair(Occluders::None), true, 8);
+    assert!(found.occluders.is_empty());
+    let says = |note: &String| note.contains("no sign of an occluder");
+    assert!(found.notes.iter().any(says), "{:?}", found.notes);
+
+    let found = recovered(&pair(Occluders::Operator), true, 8);
+    assert_eq!(found.occluders.len(), 16);
+    assert!(!found.notes.iter().any(says), "{:?}", found.notes);
+}
