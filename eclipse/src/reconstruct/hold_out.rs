@@ -1,35 +1,38 @@
 //! Frames kept out of the fit: only where their occluder stands is fitted, on half of their pixels, to be judged on the
 //! other half.
 //!
-//! Light, materials and silhouette stay as the other frames have them; a frame's five parameters follow by damped
-//! Gauss-Newton steps with differences for derivatives, which are as many evaluations as parameters.
+//! Light, materials and the operator's outline stay as the other frames have them; what is a frame's own (where somebody
+//! stands, or the harmonics of its mask) follows by damped Gauss-Newton steps.
 
-use render::lat_long::Bilinear;
+use autodiff::RunError;
+use rayon::prelude::*;
+use render::{image::Image, lat_long::Bilinear, transport::Quadrature};
 
 use super::{
     cutout::FRAME_PARAMETERS,
     finish::Found,
+    least_squares::{self, Linearisation, StepOptions},
     model::Shared,
-    patches::{Observations, PatchOptions},
-    sky::SkyModel,
+    patches::{Observations, PatchOptions, View},
+    sky::{SkyAt, SkyModel},
     transport,
 };
-use render::{image::Image, transport::Quadrature};
 
 /// Side of the blocks of pixels that alternate between fit and judgement.
 const BLOCK: usize = 8;
 const STEPS: usize = 8;
-/// Difference for derivatives, in standard deviations.
-const DIFFERENCE: f32 = 0.05;
+/// Products a step.
+const PRODUCTS: usize = 20;
+/// The damping of the first step.
+const DAMPING: f32 = 10.0;
 
 /// Whether a pixel of an image `width` wide is of the half that a held-out frame's occluder is fitted on.
 pub fn fitted_half(width: usize, pixel: usize) -> bool {
     (pixel % width / BLOCK + pixel / width / BLOCK).is_multiple_of(2)
 }
 
-/// The parameters with those of the frames `held` fitted to half of their pixels; `materials` are images through each camera.
-///
-/// Only the operator's cutout has parameters few enough: others come back as they are.
+/// The parameters with those of the occluders of the frames `held` fitted to half of their pixels; `materials` are images
+/// through each camera.
 ///
 /// # Errors
 /// When the tape refuses what it is given, which would be a bug.
@@ -39,46 +42,135 @@ pub fn fit(
     z: &[f32],
     materials: &[Image],
     held: &(dyn Fn(usize) -> bool + Sync),
-) -> Result<Vec<f32>, autodiff::RunError> {
+) -> Result<Vec<f32>, RunError> {
     let mut z = z.to_vec();
-    if !matches!(shared.sky, SkyModel::Cutout(_)) {
+    let occluders = &mut z[shared.ranges()[1].clone()];
+    let own = own_parameters(&shared.sky, found.frames.len(), held);
+    if own.is_empty() {
         return Ok(z);
     }
     let data = Data::new(found, shared, materials, held);
-    let count = found.frames.len();
-    let first = z.len() - FRAME_PARAMETERS * count;
-    let slot = |k: usize, t: usize| first + k * count + t;
-    let mut damping = vec![1.0f64; count];
-    let mut cost = data.costs(&data.residuals(&shared.masks(&z)?), &z[first..]);
+    let options = StepOptions {
+        products: PRODUCTS,
+        tolerance: 1e-6,
+        albedo_precision: 1.0,
+    };
+    let mut damping = DAMPING;
+    let mut at = Held::new(&data, shared, occluders, &own)?;
     for _ in 0..STEPS {
-        let residuals = data.residuals(&shared.masks(&z)?);
-        let mut changes = Vec::with_capacity(FRAME_PARAMETERS);
-        for k in 0..FRAME_PARAMETERS {
-            let mut moved = z.clone();
-            (0..count).for_each(|t| moved[slot(k, t)] += DIFFERENCE);
-            changes.push(data.residuals(&shared.masks(&moved)?));
-        }
-        let mut candidate = z.clone();
-        for t in (0..count).filter(|&t| held(t)) {
-            let own: [f32; FRAME_PARAMETERS] = std::array::from_fn(|k| z[slot(k, t)]);
-            let step = data.step(t, &residuals, &changes, own, damping[t]);
-            (0..FRAME_PARAMETERS).for_each(|k| candidate[slot(k, t)] += step[k].clamp(-1.0, 1.0));
-        }
-        let next = data.costs(
-            &data.residuals(&shared.masks(&candidate)?),
-            &candidate[first..],
-        );
-        for t in (0..count).filter(|&t| held(t)) {
-            if next[t] < cost[t] {
-                (0..FRAME_PARAMETERS).for_each(|k| z[slot(k, t)] = candidate[slot(k, t)]);
-                cost[t] = next[t];
-                damping[t] *= 0.3;
-            } else {
-                damping[t] *= 10.0;
-            }
+        let z = at.own_values(occluders);
+        let step = least_squares::step(&mut at, &z, 1, damping, &options);
+        let change = at.spread(&step.delta);
+        let share = (1.0 / largest_change(&shared.sky, &change)).min(1.0);
+        let mut candidate = occluders.to_vec();
+        least_squares::add(&mut candidate, share, &change);
+        let next = Held::new(&data, shared, &candidate, &own)?;
+        if next.cost(&candidate) < at.cost(occluders) {
+            occluders.copy_from_slice(&candidate);
+            at = next;
+            damping *= 0.3;
+        } else {
+            damping *= 8.0;
         }
     }
     Ok(z)
+}
+
+/// Which parameters of the occluders are of the frames `held` alone.
+fn own_parameters(sky: &SkyModel, frames: usize, held: &dyn Fn(usize) -> bool) -> Vec<usize> {
+    // Either way frames lie side by side; the outline that all frames share comes first.
+    let shared = match sky {
+        SkyModel::Clear => return Vec::new(),
+        SkyModel::Cutout(_) => sky.parameters() - FRAME_PARAMETERS * frames,
+        SkyModel::Harmonics(_) => 0,
+    };
+    (shared..sky.parameters())
+        .filter(|i| held((i - shared) % frames))
+        .collect()
+}
+
+/// How far a step goes, in units of what is far: a standard deviation of where somebody stands, three units of a logit.
+fn largest_change(sky: &SkyModel, change: &[f32]) -> f32 {
+    match sky {
+        SkyModel::Harmonics(_) => sky.largest_change(change) / 3.0,
+        _ => change.iter().fold(0.0f32, |most, c| most.max(c.abs())),
+    }
+    .max(1e-9)
+}
+
+/// The held-out frames' half of the pixels, linearised where their occluders are.
+struct Held<'a> {
+    data: &'a Data,
+    sky: &'a SkyModel,
+    at: SkyAt,
+    own: &'a [usize],
+    residual: Vec<f32>,
+    /// Albedo is known here: nothing depends on it.
+    none: (Vec<f32>, Vec<u32>),
+}
+
+impl<'a> Held<'a> {
+    fn new(
+        data: &'a Data,
+        shared: &'a Shared,
+        occluders: &[f32],
+        own: &'a [usize],
+    ) -> Result<Self, RunError> {
+        let at = shared
+            .sky
+            .at(shared.mask_grid(), occluders)?
+            .expect("frames of their own have masks");
+        let residual = data.residuals(&at.masks);
+        Ok(Self {
+            data,
+            sky: &shared.sky,
+            at,
+            own,
+            none: (vec![0.0; residual.len()], vec![0; residual.len()]),
+            residual,
+        })
+    }
+
+    fn own_values(&self, occluders: &[f32]) -> Vec<f32> {
+        self.own.iter().map(|&i| occluders[i]).collect()
+    }
+
+    /// Zero for what is not the held-out frames' own.
+    fn spread(&self, own: &[f32]) -> Vec<f32> {
+        let mut all = vec![0.0; self.sky.parameters()];
+        self.own.iter().zip(own).for_each(|(&i, &v)| all[i] = v);
+        all
+    }
+
+    fn cost(&self, occluders: &[f32]) -> f64 {
+        least_squares::cost(&self.residual, &self.own_values(occluders), &[], 0.0)
+    }
+}
+
+impl Linearisation for Held<'_> {
+    fn residual(&self) -> &[f32] {
+        &self.residual
+    }
+
+    fn by_albedo(&self) -> &[f32] {
+        &self.none.0
+    }
+
+    fn groups(&self) -> &[u32] {
+        &self.none.1
+    }
+
+    fn jvp(&mut self, v: &[f32]) -> Vec<f32> {
+        let all = self.spread(v);
+        let masks = self.sky.push(&mut self.at, &all);
+        self.data.received(&masks)
+    }
+
+    fn vjp(&mut self, w: &[f32]) -> Vec<f32> {
+        let masks = self.data.received_transpose(w);
+        let all = self.sky.pull(&mut self.at, &masks);
+        self.own_values(&all)
+    }
 }
 
 /// A ray of a patch: its light and where each group of frames looks masks up.
@@ -95,6 +187,8 @@ struct Data {
     albedo: Vec<[f32; 3]>,
     /// Of every frame.
     group: Vec<usize>,
+    /// Texels of a mask.
+    texels: usize,
 }
 
 impl Data {
@@ -171,84 +265,62 @@ impl Data {
             rays,
             albedo,
             group: shared.shells.place.iter().map(|place| place[0]).collect(),
+            texels: shared.mask_grid().len(),
         }
     }
 
-    /// Weighted misfit of every view, for masks `[texel][frame]`.
-    fn residuals(&self, masks: &[f32]) -> Vec<[f32; 3]> {
-        let frames = self.group.len();
-        let views = self.seen.views.iter().zip(&self.albedo);
-        views
-            .map(|(view, albedo)| {
-                let mut light = [0.0f32; 3];
-                for ray in &self.rays[view.patch as usize] {
-                    let lookup = &ray.lookup[self.group[view.frame as usize]];
-                    let share: f32 = (0..4)
-                        .map(|q| {
-                            let texel = lookup.index[q] as usize;
-                            lookup.weight[q] * masks[texel * frames + view.frame as usize]
-                        })
-                        .sum();
-                    (0..3).for_each(|c| light[c] += share * ray.light[c]);
-                }
-                std::array::from_fn(|c| {
-                    (albedo[c] * light[c] - view.value[c]) * view.weight[c].sqrt()
-                })
-            })
-            .collect()
-    }
-
-    /// Of every frame, its parameters `[parameter][frame]` tied to zero.
-    fn costs(&self, residuals: &[[f32; 3]], parameters: &[f32]) -> Vec<f64> {
-        let mut costs = vec![0.0; self.group.len()];
-        for (view, r) in self.seen.views.iter().zip(residuals) {
-            costs[view.frame as usize] += r.iter().map(|&r| f64::from(r).powi(2)).sum::<f64>();
-        }
-        for (i, &z) in parameters.iter().enumerate() {
-            costs[i % self.group.len()] += f64::from(z).powi(2);
-        }
-        costs
-    }
-
-    fn step(
-        &self,
-        frame: usize,
-        residuals: &[[f32; 3]],
-        changed: &[Vec<[f32; 3]>],
-        own: [f32; FRAME_PARAMETERS],
-        damping: f64,
-    ) -> [f32; FRAME_PARAMETERS] {
-        const N: usize = FRAME_PARAMETERS;
-        let mut system = [[0.0f64; N + 1]; N];
-        for k in 0..N {
-            system[k][k] = 1.0 + damping;
-            system[k][N] = -f64::from(own[k]);
-        }
-        for (i, _) in self
-            .seen
-            .views
-            .iter()
-            .enumerate()
-            .filter(|(_, v)| v.frame as usize == frame)
-        {
+    /// Weighted misfit of every view, for masks `[texel][frame]`: `[view][channel]`.
+    fn residuals(&self, masks: &[f32]) -> Vec<f32> {
+        let mut residuals = self.received(masks);
+        for (view, residual) in self.seen.views.iter().zip(residuals.chunks_exact_mut(3)) {
             for c in 0..3 {
-                let r = residuals[i][c];
-                let slope: [f64; N] =
-                    std::array::from_fn(|k| f64::from((changed[k][i][c] - r) / DIFFERENCE));
-                for a in 0..N {
-                    (0..N).for_each(|b| system[a][b] += slope[a] * slope[b]);
-                    system[a][N] -= slope[a] * f64::from(r);
+                residual[c] -= view.value[c] * view.weight[c].sqrt();
+            }
+        }
+        residuals
+    }
+
+    /// What every view receives through masks `[texel][frame]`, weighted; linear in them.
+    fn received(&self, masks: &[f32]) -> Vec<f32> {
+        let frames = self.group.len();
+        let views = self.seen.views.par_iter().zip(&self.albedo);
+        let of_view = |(view, albedo): (&View, &[f32; 3])| -> [f32; 3] {
+            let frame = view.frame as usize;
+            let mut light = [0.0f32; 3];
+            for ray in &self.rays[view.patch as usize] {
+                let lookup = &ray.lookup[self.group[frame]];
+                let share: f32 = (0..4)
+                    .map(|q| lookup.weight[q] * masks[lookup.index[q] as usize * frames + frame])
+                    .sum();
+                (0..3).for_each(|c| light[c] += share * ray.light[c]);
+            }
+            std::array::from_fn(|c| albedo[c] * light[c] * view.weight[c].sqrt())
+        };
+        views.flat_map_iter(of_view).collect()
+    }
+
+    /// The transpose of [`received`](Self::received).
+    fn received_transpose(&self, values: &[f32]) -> Vec<f32> {
+        let frames = self.group.len();
+        let texels = self.texels;
+        let of_frame = |frame: usize| {
+            let mut own = vec![0.0f32; texels];
+            let views = self.seen.views.iter().zip(&self.albedo).enumerate();
+            for (i, (view, albedo)) in views.filter(|(_, (view, _))| view.frame as usize == frame) {
+                let back: [f32; 3] =
+                    std::array::from_fn(|c| values[3 * i + c] * albedo[c] * view.weight[c].sqrt());
+                for ray in &self.rays[view.patch as usize] {
+                    let lookup = &ray.lookup[self.group[frame]];
+                    let share: f32 = (0..3).map(|c| back[c] * ray.light[c]).sum();
+                    (0..4).for_each(|q| own[lookup.index[q] as usize] += lookup.weight[q] * share);
                 }
             }
-        }
-        // Positive definite: elimination needs no pivots.
-        for i in 0..N {
-            for j in (0..N).filter(|&j| j != i) {
-                let factor = system[j][i] / system[i][i];
-                (i..=N).for_each(|k| system[j][k] -= factor * system[i][k]);
-            }
-        }
-        std::array::from_fn(|i| (system[i][N] / system[i][i]) as f32)
+            own
+        };
+        let columns: Vec<Vec<f32>> = (0..frames).into_par_iter().map(of_frame).collect();
+        (0..texels * frames)
+            .map(|i| columns[i % frames][i / frames])
+            .collect()
     }
 }
 
