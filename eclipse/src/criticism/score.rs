@@ -69,7 +69,7 @@ pub fn screen(study: &Study<'_>, jacobian: &Jacobian, candidates: &[Candidate]) 
     let colours: Vec<Colour> = (0..3)
         .map(|c| Colour::new(&layout, jacobian, candidates, c))
         .collect();
-    let blocks = study.seen.patches + 24;
+    let blocks = study.blocks();
     let count = candidates.len();
     let mut gains = vec![vec![0.0; blocks]; count];
     let mut before = 0.0;

@@ -50,7 +50,7 @@ pub fn errors(study: &Study<'_>, fit: &Fit, judge: &Fit) -> Errors {
         .whiten(&mut white);
     let known = judge.precision(study, &in_frame);
     // A patch in one frame is a block: what neighbours share there is one error, not many.
-    let across = study.seen.patches + 24;
+    let across = study.blocks();
     let block = |i: usize| study.seen.frame(i) as usize * across + study.block(i);
     let mut patches = vec![0.0; across * study.seen.frames];
     let mut frames = patches.clone();

@@ -232,15 +232,24 @@ impl<'a> Study<'a> {
         self.develops(i)
     }
 
-    /// The block an observation belongs to: its patch of surface, or of the image. Errors within a block are not independent.
+    /// The block an observation belongs to: a patch of surface in every fourth frame, or a patch of the background in one
+    /// frame. Errors within a block are not independent.
     pub fn block(&self, i: usize) -> usize {
         match self.seen.views.get(i) {
-            Some(view) => usize::from(self.seen.sites[view.site as usize].place.patch),
+            Some(view) => {
+                let patch = self.seen.sites[view.site as usize].place.patch;
+                4 * usize::from(patch) + view.frame as usize % 4
+            }
             None => {
                 let dark = &self.seen.dark[i - self.seen.views.len()];
-                self.seen.patches + dark.patch as usize % 24
+                4 * self.seen.patches + dark.frame as usize * 24 + dark.patch as usize % 24
             }
         }
+    }
+
+    /// How many blocks there are.
+    pub fn blocks(&self) -> usize {
+        4 * self.seen.patches + 24 * self.seen.frames
     }
 }
 
