@@ -125,11 +125,14 @@ fn inner(a: &[f64], b: &[f64]) -> f64 {
     lanes.iter().sum::<f64>() + a1.iter().zip(b1).map(|(x, y)| x * y).sum::<f64>()
 }
 
-/// Minimises ½ βᵀAβ − bᵀβ with β ≥ `least`, by coordinate descent; A is symmetric and positive definite.
-pub fn bounded(a: &[f64], b: &[f64], least: &[f64]) -> Vec<f64> {
+/// Minimises ½ βᵀAβ − bᵀβ with every β within its bounds, by coordinate descent; A is symmetric and positive definite.
+pub fn bounded(a: &[f64], b: &[f64], bounds: &[[f64; 2]]) -> Vec<f64> {
     let n = b.len();
-    let mut x: Vec<f64> = least.iter().map(|&l| l.max(0.0)).collect();
-    if least.iter().all(|l| *l == f64::NEG_INFINITY) {
+    let mut x: Vec<f64> = bounds
+        .iter()
+        .map(|[least, most]| 0f64.max(*least).min(*most))
+        .collect();
+    if bounds.iter().flatten().all(|bound| bound.is_infinite()) {
         let factor = Cholesky::new(a, n, n);
         let mut x = b.to_vec();
         factor.forward(&mut x, 1);
@@ -146,7 +149,9 @@ pub fn bounded(a: &[f64], b: &[f64], least: &[f64]) -> Vec<f64> {
             if pivot <= 0.0 {
                 continue;
             }
-            let next = (x[i] - gradient[i] / pivot).max(least[i]);
+            let next = (x[i] - gradient[i] / pivot)
+                .max(bounds[i][0])
+                .min(bounds[i][1]);
             let step = next - x[i];
             if step != 0.0 {
                 x[i] = next;
@@ -171,11 +176,13 @@ mod tests {
     fn systems_are_solved_within_bounds() {
         let a = [4.0, 1.0, 1.0, 3.0];
         let b = [1.0, 2.0];
-        let free = bounded(&a, &b, &[f64::NEG_INFINITY; 2]);
+        let free = bounded(&a, &b, &[[f64::NEG_INFINITY, f64::INFINITY]; 2]);
         assert!((free[0] - 1.0 / 11.0).abs() < 1e-12 && (free[1] - 7.0 / 11.0).abs() < 1e-12);
-        let held = bounded(&a, &[-1.0, 2.0], &[0.0, 0.0]);
+        let held = bounded(&a, &[-1.0, 2.0], &[[0.0, f64::INFINITY]; 2]);
         assert_eq!(held[0], 0.0);
         assert!((held[1] - 2.0 / 3.0).abs() < 1e-9);
+        let capped = bounded(&a, &b, &[[0.0, 1.0], [0.0, 0.5]]);
+        assert!((capped[0] - 0.125).abs() < 1e-9 && capped[1] == 0.5);
         let mut x = vec![0.0f32; 2];
         conjugate_gradients(&mut x, &[1.0, 2.0], 10, 1e-9, |v| {
             vec![4.0 * v[0] + v[1], v[0] + 3.0 * v[1]]

@@ -235,10 +235,15 @@ fn solve(
 ) -> (Vec<f64>, Vec<f64>) {
     let n = layout.nuisance;
     let mut columns: Vec<usize> = (0..layout.always).collect();
-    let mut least = jacobian.always_least.clone();
+    let mut bounds = jacobian.always_bounds.clone();
     if let Some(k) = k {
         columns.extend(layout.own[k].start - n..layout.own[k].end - n);
-        least.extend(candidates[k].terms.iter().map(|t| t.least / t.scale));
+        bounds.extend(
+            candidates[k]
+                .terms
+                .iter()
+                .map(|t| [t.least, t.most].map(|bound| bound / t.scale)),
+        );
     }
     let size = columns.len();
     let mut a = vec![0.0; size * size];
@@ -256,7 +261,7 @@ fn solve(
     for i in 0..size {
         a[i * size + i] += 1.0;
     }
-    let beta = bounded(&a, &b, &least);
+    let beta = bounded(&a, &b, &bounds);
     let factor = Cholesky::new(&a, size, size);
     let mut identity = vec![0.0; size * size];
     (0..size).for_each(|i| identity[i * size + i] = 1.0);

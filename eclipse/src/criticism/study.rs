@@ -188,12 +188,9 @@ impl<'a> Study<'a> {
         })
     }
 
-    /// Image formation under a lobe.
-    ///
-    /// # Errors
-    /// A bug of the tape.
-    pub fn formation(&self, lobe: Option<Lobe>) -> Result<Formation, FitError> {
-        self.formation_with(Arc::new(Transport::new(&self.horizon, &self.seen, lobe)))
+    /// Light transport under a lobe.
+    pub fn transport(&self, lobe: Option<Lobe>) -> Arc<Transport> {
+        Arc::new(Transport::new(&self.horizon, &self.seen, lobe))
     }
 
     /// Image formation with this transport.

@@ -1,10 +1,11 @@
 //! Somebody or something that moves with the camera and stands in the light.
 
+use glam::Vec3;
 use rayon::prelude::*;
 use render::occluder::shell_direction;
 
-use super::{Effect, Stage, Term, support::CameraGrid};
-use crate::criticism::scene::Scene;
+use super::{Effect, Passing, Stage, Term, support::CameraGrid};
+use crate::criticism::{observe::Observations, scene::Scene, transport::Horizon};
 
 /// 1 − m_t(ω), m ≥ 0: opacity of the cells of a grid that turns with the camera, on the shell at the camera's distance.
 ///
@@ -36,10 +37,46 @@ impl Effect for MovingOccluder {
                 } else {
                     0.15
                 };
-                Term::new(name, scale, field).positive()
+                Term::new(name, scale, field).positive().at_most(1.0)
             })
             .collect()
     }
+    fn passing(&self, horizon: &Horizon, seen: &Observations, beta: &[f64]) -> Option<Passing> {
+        if beta.iter().all(|b| *b == 0.0) {
+            return None;
+        }
+        let share: Vec<f32> = beta.iter().map(|b| 1.0 - *b as f32).collect();
+        let directions = horizon.directions.clone();
+        let azimuths = azimuths(seen);
+        let places: Vec<(Vec3, f32, [f32; 2])> = seen
+            .views
+            .iter()
+            .map(|view| {
+                let point = seen.sites[view.site as usize].point.position;
+                let frame = view.frame as usize;
+                (point, seen.eyes[frame].length(), azimuths[frame])
+            })
+            .collect();
+        Some(Box::new(move |view, texel| {
+            let (point, radius, azimuth) = places[view];
+            let from = shell_direction(point, directions[texel], radius);
+            share
+                .get(CameraGrid::cell(from, azimuth))
+                .copied()
+                .unwrap_or(1.0)
+        }))
+    }
+}
+
+/// Cosine and sine of every camera's azimuth.
+fn azimuths(seen: &Observations) -> Vec<[f32; 2]> {
+    seen.eyes
+        .iter()
+        .map(|eye| {
+            let length = (eye.x * eye.x + eye.y * eye.y).sqrt().max(1e-9);
+            [eye.x / length, eye.y / length]
+        })
+        .collect()
 }
 
 /// For every cell of the camera's grid, what light of radiance `light(texel, colour)` from it adds to each view.
@@ -47,15 +84,7 @@ pub(super) fn blocked_light(
     scene: &Scene<'_>,
     light: impl Fn(usize, usize) -> f32 + Sync,
 ) -> Vec<Vec<f32>> {
-    let azimuths: Vec<[f32; 2]> = scene
-        .seen
-        .eyes
-        .iter()
-        .map(|eye| {
-            let length = (eye.x * eye.x + eye.y * eye.y).sqrt().max(1e-9);
-            [eye.x / length, eye.y / length]
-        })
-        .collect();
+    let azimuths = azimuths(scene.seen);
     let per_view: Vec<Vec<[f32; 3]>> = (0..scene.seen.views.len())
         .into_par_iter()
         .map(|v| {
@@ -64,7 +93,7 @@ pub(super) fn blocked_light(
             let eye = scene.seen.eyes[view.frame as usize];
             let albedo = scene.albedo_of(v);
             let mut cells = vec![[0.0f32; 3]; CameraGrid::CELLS];
-            for (texel, [d, s]) in scene.transport.row(v) {
+            for (texel, [d, s]) in scene.bare.row(v) {
                 let from = shell_direction(point, scene.horizon.directions[texel], eye.length());
                 let sum = &mut cells[CameraGrid::cell(from, azimuths[view.frame as usize])];
                 for c in 0..3 {
