@@ -7,8 +7,9 @@ use super::{
     study::Study,
 };
 
-/// Standard deviation of the albedo of a patch that no fit has seen, beyond that of sites among each other.
-const UNSEEN: f64 = 0.07;
+/// Standard deviation of the albedo of a patch that no fit has seen, as wide as the texture's own prior: what a fit happens to
+/// continue there must not count for or against an effect.
+const UNSEEN: f64 = 0.25;
 
 /// Squared errors on sealed data by block, in units of the first model's noise.
 pub struct Errors {
