@@ -153,8 +153,8 @@ pub fn diagnose<'a>(
     let mut findings = Vec::new();
     let mut confirmed = 0;
     for (k, step) in found.iter().enumerate() {
-        let shared = step.choice.score.frames.iter().all(Option::is_none);
-        let gain = sealed::gain(&errors[k], &errors[k + 1], shared);
+        // Numbers of a sealed frame's own are unknown there, whichever effect they belong to.
+        let gain = sealed::gain(&errors[k], &errors[k + 1], is_shared(&fits[k + 1]));
         // Held-out patches have made the case; sealed data may refuse it.
         if gain.gain <= gain.error {
             break;
@@ -163,10 +163,7 @@ pub fn diagnose<'a>(
         findings.push(finding(step, &fits[k + 1], gain));
     }
     fits.truncate(confirmed + 1);
-    let all_shared = fits[confirmed]
-        .links
-        .iter()
-        .all(|link| link.terms.iter().all(|t| t.frame.is_none()));
+    let all_shared = is_shared(&fits[confirmed]);
     let (first_errors, last_errors) = (&errors[0], &errors[confirmed]);
     let count = (first_errors.counts[0]
         + if all_shared {
@@ -226,6 +223,12 @@ pub fn diagnose<'a>(
         before,
         after,
     })
+}
+
+/// Whether no effect of the model has numbers of single frames.
+fn is_shared(fit: &Fit) -> bool {
+    let mut terms = fit.links.iter().flat_map(|link| link.terms.iter());
+    terms.all(|term| term.frame.is_none())
 }
 
 /// An effect that was chosen.

@@ -7,7 +7,8 @@ use render::occluder::shell_direction;
 use super::{Effect, Passing, Stage, Term, support::CameraGrid};
 use crate::criticism::{observe::Observations, scene::Scene, transport::Horizon};
 
-/// 1 − m_t(ω), m ≥ 0: opacity of the cells of a grid that turns with the camera, on the shell at the camera's distance.
+/// 1 − m_t(ω), m ≥ 0: opacity of the cells of a grid that turns with the camera, on the shell at the camera's distance, and more
+/// of it in broad parts behind the camera frame by frame, since people do not stand still.
 ///
 /// Opacity is linear in the image, so that its gradient does not vanish where nothing is blocked yet.
 pub struct MovingOccluder;
@@ -26,46 +27,76 @@ impl Effect for MovingOccluder {
         &["exposure_drift", "moving_light", "occluder_bounce"]
     }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
-        blocked_light(scene, |texel, c| scene.radiance[3 * texel + c])
-            .into_iter()
-            .enumerate()
-            .map(|(cell, mut field)| {
-                field.iter_mut().for_each(|f| *f = -*f);
-                let name = format!("opacity at {}", CameraGrid::name(cell));
-                let scale = if CameraGrid::behind_camera(cell) {
-                    0.5
-                } else {
-                    0.15
-                };
-                Term::new(name, scale, field).positive().at_most(1.0)
+        let mut fields = blocked_light(scene, |texel, c| scene.radiance[3 * texel + c]);
+        fields
+            .iter_mut()
+            .flatten()
+            .for_each(|light| *light = -*light);
+        let own = (0..scene.seen.frames as u32)
+            .flat_map(|t| (0..CameraGrid::PARTS).map(move |part| (t, part)));
+        let own: Vec<Term> = own
+            .map(|(t, part)| {
+                let field = in_frame(scene, &fields, t, part);
+                let name = format!(
+                    "further opacity {} in frame {t}",
+                    CameraGrid::part_name(part)
+                );
+                Term::new(name, 0.3, field).positive().at_most(1.0).of(t)
             })
-            .collect()
+            .collect();
+        let cells = fields.into_iter().enumerate().map(|(cell, field)| {
+            let name = format!("opacity at {}", CameraGrid::name(cell));
+            let scale = if CameraGrid::behind_camera(cell) {
+                0.5
+            } else {
+                0.15
+            };
+            Term::new(name, scale, field).positive().at_most(1.0)
+        });
+        cells.chain(own).collect()
     }
     fn passing(&self, horizon: &Horizon, seen: &Observations, beta: &[f64]) -> Option<Passing> {
         if beta.iter().all(|b| *b == 0.0) {
             return None;
         }
-        let share: Vec<f32> = beta.iter().map(|b| 1.0 - *b as f32).collect();
+        let opacity: Vec<f32> = beta.iter().map(|b| *b as f32).collect();
         let directions = horizon.directions.clone();
         let azimuths = azimuths(seen);
-        let places: Vec<(Vec3, f32, [f32; 2])> = seen
+        let places: Vec<(Vec3, f32, [f32; 2], usize)> = seen
             .views
             .iter()
             .map(|view| {
                 let point = seen.sites[view.site as usize].point.position;
                 let frame = view.frame as usize;
-                (point, seen.eyes[frame].length(), azimuths[frame])
+                (point, seen.eyes[frame].length(), azimuths[frame], frame)
             })
             .collect();
         Some(Box::new(move |view, texel| {
-            let (point, radius, azimuth) = places[view];
+            let (point, radius, azimuth, frame) = places[view];
             let from = shell_direction(point, directions[texel], radius);
-            share
-                .get(CameraGrid::cell(from, azimuth))
-                .copied()
-                .unwrap_or(1.0)
+            let cell = CameraGrid::cell(from, azimuth);
+            let at = |k: usize| opacity.get(k).copied().unwrap_or(0.0);
+            let own = CameraGrid::part(cell).map_or(0.0, |part| {
+                at(CameraGrid::CELLS + frame * CameraGrid::PARTS + part)
+            });
+            // The sum, whose derivatives are the fields; nothing is more than opaque.
+            (1.0 - at(cell) - own).max(0.0)
         }))
     }
+}
+
+/// The light that a part behind the camera sends to the views of one frame, from that of the cells.
+fn in_frame(scene: &Scene<'_>, cells: &[Vec<f32>], frame: u32, part: usize) -> Vec<f32> {
+    let members: Vec<&Vec<f32>> = (0..cells.len())
+        .filter(|&cell| CameraGrid::part(cell) == Some(part))
+        .map(|cell| &cells[cell])
+        .collect();
+    scene.on_views(|v| {
+        if scene.seen.views[v].frame != frame {
+            return [0.0; 3];
+        }
+        [0, 1, 2].map(|c| members.iter().map(|cell| cell[3 * v + c]).sum())
+    })
 }
 
 /// Cosine and sine of every camera's azimuth.
