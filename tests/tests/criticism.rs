@@ -80,13 +80,15 @@ fn capture(ceiling: f32) -> Capture {
     }
 }
 
-fn study(capture: &Capture) -> Study<'_> {
+const LOBE: Option<Lobe> = Some(Lobe {
+    alpha: 0.4,
+    kappa: 0.05,
+});
+
+fn study(capture: &Capture, lobe: Option<Lobe>) -> Study<'_> {
     let simulation = Simulation {
         environment: interior(LatLong::new(20, 40)).image().clone(),
-        lobe: Some(Lobe {
-            alpha: 0.4,
-            kappa: 0.05,
-        }),
+        lobe,
         renders: capture.frames.iter().map(|f| f.image.clone()).collect(),
         occluders: Vec::new(),
     };
@@ -152,7 +154,7 @@ fn screened(study: &Study<'_>) -> Screen {
 #[test]
 fn nulls_change_no_bit() {
     let capture = capture(1.0);
-    let study = study(&capture);
+    let study = study(&capture, LOBE);
     let fit = truth(&study);
     let plain = Chain::new(&[], study.seen.len()).and_then(|mut chain| {
         chain.bind(&fit.ideal, &[])?;
@@ -178,7 +180,7 @@ fn nulls_change_no_bit() {
 #[ignore = "a minute each; run with --ignored"]
 fn a_true_null_has_nothing_to_tell() {
     let capture = capture(1.0);
-    let mut study = study(&capture);
+    let mut study = study(&capture, LOBE);
     plant(&mut study, None);
     let screen = screened(&study);
     assert!(compete::choose(&screen).is_none(), "{:?}", screen.scores[0]);
@@ -188,8 +190,19 @@ fn a_true_null_has_nothing_to_tell() {
 
 /// Plants an effect and asserts that it leads the physics of the first screening, among the first `among`.
 fn finds(id: &str, ceiling: f32, among: usize, beta: &dyn Fn(usize, &Term) -> f64) {
+    finds_with(LOBE, id, ceiling, among, beta);
+}
+
+/// The same for a baseline with this lobe.
+fn finds_with(
+    lobe: Option<Lobe>,
+    id: &str,
+    ceiling: f32,
+    among: usize,
+    beta: &dyn Fn(usize, &Term) -> f64,
+) {
     let capture = capture(ceiling);
-    let mut study = study(&capture);
+    let mut study = study(&capture, lobe);
     let effect = effects::by_id(id).unwrap();
     plant(&mut study, Some((effect, beta)));
     let screen = screened(&study);
@@ -326,7 +339,7 @@ fn a_bright_ground_is_found() {
 #[test]
 #[ignore = "a minute each; run with --ignored"]
 fn a_gloss_is_found() {
-    finds("specular_lobe", 1.0, 3, &|k, _| {
+    finds_with(None, "specular_lobe", 1.0, 3, &|k, _| {
         if k == 0 { 0.08 } else { 0.0 }
     });
 }

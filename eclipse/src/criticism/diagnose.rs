@@ -22,6 +22,8 @@ const BASELINE_STEPS: usize = 9;
 pub const REFIT_STEPS: usize = 5;
 /// Effects that are added at most.
 const MOST_EFFECTS: usize = 3;
+/// Standard errors that an effect must gain on sealed data: by chance one in fifty does.
+const SEALED_SIGMA: f64 = 2.0;
 /// Hot spots that are told.
 const HOT_SPOTS: usize = 12;
 
@@ -156,7 +158,7 @@ pub fn diagnose<'a>(
         // Numbers of a sealed frame's own are unknown there, whichever effect they belong to.
         let gain = sealed::gain(&errors[k], &errors[k + 1], is_shared(&fits[k + 1]));
         // Held-out patches have made the case; sealed data may refuse it.
-        if gain.gain <= gain.error {
+        if gain.gain <= SEALED_SIGMA * gain.error {
             break;
         }
         confirmed = k + 1;
