@@ -6,9 +6,10 @@
 use rayon::prelude::*;
 
 use super::{
+    bounded::bounded,
     effects::Term,
     gram::Matrix,
-    linear::{Cholesky, bounded},
+    linear::Cholesky,
     linearise::{Candidate, Jacobian},
     reduce::{Layout, Reduced},
     split::{FOLDS, Role},
