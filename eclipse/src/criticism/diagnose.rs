@@ -22,6 +22,8 @@ const BASELINE_STEPS: usize = 9;
 pub const REFIT_STEPS: usize = 5;
 /// Effects that are added at most.
 const MOST_EFFECTS: usize = 3;
+/// Standard errors that an effect must gain on sealed data: by chance one in fifty does.
+const SEALED_SIGMA: f64 = 2.0;
 /// Hot spots that are told.
 const HOT_SPOTS: usize = 12;
 
@@ -153,20 +155,17 @@ pub fn diagnose<'a>(
     let mut findings = Vec::new();
     let mut confirmed = 0;
     for (k, step) in found.iter().enumerate() {
-        let shared = step.choice.score.frames.iter().all(Option::is_none);
-        let gain = sealed::gain(&errors[k], &errors[k + 1], shared);
+        // Numbers of a sealed frame's own are unknown there, whichever effect they belong to.
+        let gain = sealed::gain(&errors[k], &errors[k + 1], is_shared(&fits[k + 1]));
         // Held-out patches have made the case; sealed data may refuse it.
-        if gain.gain <= gain.error {
+        if gain.gain <= SEALED_SIGMA * gain.error {
             break;
         }
         confirmed = k + 1;
         findings.push(finding(step, &fits[k + 1], gain));
     }
     fits.truncate(confirmed + 1);
-    let all_shared = fits[confirmed]
-        .links
-        .iter()
-        .all(|link| link.terms.iter().all(|t| t.frame.is_none()));
+    let all_shared = is_shared(&fits[confirmed]);
     let (first_errors, last_errors) = (&errors[0], &errors[confirmed]);
     let count = (first_errors.counts[0]
         + if all_shared {
@@ -226,6 +225,12 @@ pub fn diagnose<'a>(
         before,
         after,
     })
+}
+
+/// Whether no effect of the model has numbers of single frames.
+fn is_shared(fit: &Fit) -> bool {
+    let mut terms = fit.links.iter().flat_map(|link| link.terms.iter());
+    terms.all(|term| term.frame.is_none())
 }
 
 /// An effect that was chosen.

@@ -30,7 +30,7 @@ pub struct Jacobian {
     /// The lobe and the effects in the model already, times their prior's deviation: one coefficient for all colours.
     pub always: Vec<Vec<f32>>,
     /// Bounds of the coefficients of `always`, in the same units, relative to where they are now.
-    pub always_least: Vec<f64>,
+    pub always_bounds: Vec<[f64; 2]>,
     /// Residual, sites' own albedo left in.
     pub residual: Vec<f32>,
     /// The covariance that whitened them.
@@ -70,19 +70,20 @@ impl Jacobian {
             .par_iter_mut()
             .for_each(|column| precision.whiten(column));
         let mut always: Vec<Vec<f32>> = Vec::new();
-        let mut always_least = Vec::new();
+        let mut always_bounds = Vec::new();
         for (column, _) in fit.lobe_columns(study)? {
             always.push(column);
-            always_least.push(f64::NEG_INFINITY);
+            always_bounds.push([f64::NEG_INFINITY, f64::INFINITY]);
         }
         let mut chain = Chain::new(&fit.links, study.seen.len())?;
-        let betas = fit.betas(&chain);
+        let betas = fit.betas(study, &chain);
         chain.bind(&fit.ideal, &betas)?;
         for (l, link) in chain.links().to_vec().iter().enumerate() {
             for (k, term) in link.terms.iter().enumerate() {
                 let scale = term.scale as f32;
                 always.push(chain.column(l, k)?.iter().map(|x| scale * x).collect());
-                always_least.push((term.least - betas[l][k]) / term.scale);
+                let now = fit.beta(link.effect.id(), k);
+                always_bounds.push([term.least, term.most].map(|bound| (bound - now) / term.scale));
             }
         }
         always
@@ -91,7 +92,7 @@ impl Jacobian {
         Ok(Self {
             nuisance,
             always,
-            always_least,
+            always_bounds,
             residual,
             precision,
         })
@@ -122,7 +123,7 @@ impl Jacobian {
                 .links()
                 .iter()
                 .position(|link| link.effect.id() == effect.id());
-            let betas = fit.betas(&chain);
+            let betas = fit.betas(study, &chain);
             chain.bind(&fit.ideal, &betas)?;
             for (k, term) in group.iter().enumerate() {
                 let scale = term.scale as f32;

@@ -1,5 +1,6 @@
 //! Model criticism: where a simulation and its recording differ, what physics was left out, and the proof.
 
+pub mod bounded;
 pub mod chain;
 pub mod compete;
 pub mod dark;

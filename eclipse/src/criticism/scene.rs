@@ -21,6 +21,8 @@ pub struct Scene<'a> {
     pub horizon: &'a Horizon,
     /// Light transport to every view.
     pub transport: &'a Transport,
+    /// The same as if no occluder were in the model.
+    pub bare: &'a Transport,
     /// Specular reflection; `None` for Lambertian surfaces.
     pub lobe: Option<Lobe>,
     /// Radiance, `[texel][colour]`.

@@ -6,9 +6,10 @@
 use rayon::prelude::*;
 
 use super::{
+    bounded::bounded,
     effects::Term,
     gram::Matrix,
-    linear::{Cholesky, bounded},
+    linear::Cholesky,
     linearise::{Candidate, Jacobian},
     reduce::{Layout, Reduced},
     split::{FOLDS, Role},
@@ -69,7 +70,7 @@ pub fn screen(study: &Study<'_>, jacobian: &Jacobian, candidates: &[Candidate]) 
     let colours: Vec<Colour> = (0..3)
         .map(|c| Colour::new(&layout, jacobian, candidates, c))
         .collect();
-    let blocks = study.seen.patches + 24;
+    let blocks = study.blocks();
     let count = candidates.len();
     let mut gains = vec![vec![0.0; blocks]; count];
     let mut before = 0.0;
@@ -235,10 +236,15 @@ fn solve(
 ) -> (Vec<f64>, Vec<f64>) {
     let n = layout.nuisance;
     let mut columns: Vec<usize> = (0..layout.always).collect();
-    let mut least = jacobian.always_least.clone();
+    let mut bounds = jacobian.always_bounds.clone();
     if let Some(k) = k {
         columns.extend(layout.own[k].start - n..layout.own[k].end - n);
-        least.extend(candidates[k].terms.iter().map(|t| t.least / t.scale));
+        bounds.extend(
+            candidates[k]
+                .terms
+                .iter()
+                .map(|t| [t.least, t.most].map(|bound| bound / t.scale)),
+        );
     }
     let size = columns.len();
     let mut a = vec![0.0; size * size];
@@ -256,7 +262,7 @@ fn solve(
     for i in 0..size {
         a[i * size + i] += 1.0;
     }
-    let beta = bounded(&a, &b, &least);
+    let beta = bounded(&a, &b, &bounds);
     let factor = Cholesky::new(&a, size, size);
     let mut identity = vec![0.0; size * size];
     (0..size).for_each(|i| identity[i * size + i] = 1.0);

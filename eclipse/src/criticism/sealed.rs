@@ -7,8 +7,9 @@ use super::{
     study::Study,
 };
 
-/// Standard deviation of the albedo of a patch that no fit has seen, beyond that of sites among each other.
-const UNSEEN: f64 = 0.07;
+/// Standard deviation of the albedo of a patch that no fit has seen, as wide as the texture's own prior: what a fit happens to
+/// continue there must not count for or against an effect.
+const UNSEEN: f64 = 0.25;
 
 /// Squared errors on sealed data by block, in units of the first model's noise.
 pub struct Errors {
@@ -50,7 +51,7 @@ pub fn errors(study: &Study<'_>, fit: &Fit, judge: &Fit) -> Errors {
         .whiten(&mut white);
     let known = judge.precision(study, &in_frame);
     // A patch in one frame is a block: what neighbours share there is one error, not many.
-    let across = study.seen.patches + 24;
+    let across = study.blocks();
     let block = |i: usize| study.seen.frame(i) as usize * across + study.block(i);
     let mut patches = vec![0.0; across * study.seen.frames];
     let mut frames = patches.clone();

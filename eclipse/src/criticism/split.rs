@@ -102,7 +102,12 @@ pub fn role(place: Place, frame: u32, frames: usize) -> Role {
     {
         Role::Gutter
     } else if frame_sealed(frame, frames) {
-        Role::SealedFrame
+        // Of a sealed patch nobody knows the albedo, so that its views in a sealed frame tell nothing about the frame.
+        if sealed {
+            Role::Gutter
+        } else {
+            Role::SealedFrame
+        }
     } else if sealed {
         Role::SealedPatch
     } else {

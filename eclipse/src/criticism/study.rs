@@ -13,11 +13,15 @@ use super::{
 };
 use crate::{
     capture::Capture,
+    files::read_limited,
     image_io::{self, ExrFile, ImageIoError},
     layout,
     reconstruct::noise,
     reconstruction::{Noise, Reconstruction},
 };
+
+/// Largest `settings.json`.
+const MAX_SETTINGS: u64 = 1 << 20;
 
 /// What of a reconstruction a diagnosis starts from.
 #[derive(Clone, Debug)]
@@ -37,7 +41,10 @@ impl Simulation {
     pub fn of(reconstruction: &Reconstruction) -> Self {
         Self {
             environment: reconstruction.environment.clone(),
-            lobe: lobe_of(&reconstruction.materials),
+            lobe: lobe_or_usual(
+                &reconstruction.materials,
+                reconstruction.settings.lambertian,
+            ),
             renders: reconstruction.renders.clone(),
             occluders: reconstruction.occluders.clone(),
         }
@@ -72,7 +79,7 @@ impl Simulation {
         };
         Ok(Self {
             environment: image_io::read_exr(&folder.join(layout::ENVIRONMENT))?,
-            lobe: lobe_of(&materials),
+            lobe: lobe_or_usual(&materials, is_lambertian(folder)),
             renders,
             occluders,
         })
@@ -96,6 +103,24 @@ pub fn lobe_of(materials: &[Image]) -> Option<Lobe> {
         alpha: alpha as f32,
         kappa: kappa as f32,
     })
+}
+
+/// The lobe of materials, or the usual one where a solver that was free to find one ended before it did: such a lobe is a part
+/// of the model, not of the physics it lacks.
+fn lobe_or_usual(materials: &[Image], lambertian: bool) -> Option<Lobe> {
+    if lambertian {
+        return None;
+    }
+    Some(lobe_of(materials).unwrap_or(Lobe::USUAL))
+}
+
+/// Whether the reconstruction in a folder was told that the surface is Lambertian; `false` where it does not say.
+fn is_lambertian(folder: &Path) -> bool {
+    read_limited(&folder.join(layout::SETTINGS), MAX_SETTINGS)
+        .ok()
+        .and_then(|bytes| serde_json::from_slice::<serde_json::Value>(&bytes).ok())
+        .and_then(|settings| settings.get("lambertian")?.as_bool())
+        .unwrap_or(false)
 }
 
 /// What does not change during a diagnosis.
@@ -188,12 +213,9 @@ impl<'a> Study<'a> {
         })
     }
 
-    /// Image formation under a lobe.
-    ///
-    /// # Errors
-    /// A bug of the tape.
-    pub fn formation(&self, lobe: Option<Lobe>) -> Result<Formation, FitError> {
-        self.formation_with(Arc::new(Transport::new(&self.horizon, &self.seen, lobe)))
+    /// Light transport under a lobe.
+    pub fn transport(&self, lobe: Option<Lobe>) -> Arc<Transport> {
+        Arc::new(Transport::new(&self.horizon, &self.seen, lobe))
     }
 
     /// Image formation with this transport.
@@ -232,15 +254,24 @@ impl<'a> Study<'a> {
         self.develops(i)
     }
 
-    /// The block an observation belongs to: its patch of surface, or of the image. Errors within a block are not independent.
+    /// The block an observation belongs to: a patch of surface in every fourth frame, or a patch of the background in one
+    /// frame. Errors within a block are not independent.
     pub fn block(&self, i: usize) -> usize {
         match self.seen.views.get(i) {
-            Some(view) => usize::from(self.seen.sites[view.site as usize].place.patch),
+            Some(view) => {
+                let patch = self.seen.sites[view.site as usize].place.patch;
+                4 * usize::from(patch) + view.frame as usize % 4
+            }
             None => {
                 let dark = &self.seen.dark[i - self.seen.views.len()];
-                self.seen.patches + dark.patch as usize % 24
+                4 * self.seen.patches + dark.frame as usize * 24 + dark.patch as usize % 24
             }
         }
+    }
+
+    /// How many blocks there are.
+    pub fn blocks(&self) -> usize {
+        4 * self.seen.patches + 24 * self.seen.frames
     }
 }
 

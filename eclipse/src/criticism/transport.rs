@@ -32,6 +32,14 @@ pub struct Lobe {
     pub kappa: f32,
 }
 
+impl Lobe {
+    /// The lobe that is expected of a surface nobody has measured; its logarithm of α and its κ scatter about this one.
+    pub const USUAL: Self = Self {
+        alpha: 0.45,
+        kappa: 0.04,
+    };
+}
+
 /// What of the environment every site can see, whatever the view.
 pub struct Horizon {
     /// The grid of light.

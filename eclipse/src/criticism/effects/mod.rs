@@ -25,7 +25,10 @@ mod vignetting;
 
 use autodiff::{Detached, Var};
 
-use super::scene::Scene;
+use super::{observe::Observations, scene::Scene, transport::Horizon};
+
+/// The share of light that reaches a view from a texel.
+pub type Passing = Box<dyn Fn(usize, usize) -> f32 + Sync>;
 
 /// Where in the forward model an effect acts, in the order light meets these places.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -62,6 +65,8 @@ pub struct Term {
     pub scale: f64,
     /// Its lower bound: 0 for what cannot be negative, else −∞.
     pub least: f64,
+    /// Its upper bound, mostly ∞.
+    pub most: f64,
     /// `[observation][colour]`; what it means is the effect's own affair, see [`Effect::record`].
     pub field: Vec<f32>,
     /// The frame it belongs to, if it is a frame's own.
@@ -75,6 +80,7 @@ impl Term {
             name: name.into(),
             scale,
             least: f64::NEG_INFINITY,
+            most: f64::INFINITY,
             field,
             frame: None,
         }
@@ -83,6 +89,11 @@ impl Term {
     /// The same, never negative.
     pub fn positive(self) -> Self {
         Self { least: 0.0, ..self }
+    }
+
+    /// The same, never above `most`.
+    pub fn at_most(self, most: f64) -> Self {
+        Self { most, ..self }
     }
 
     /// The same, of one frame.
@@ -122,6 +133,12 @@ pub trait Effect: Sync {
     }
     /// Its numbers and fields for the model as it stands; empty where it makes no sense.
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term>;
+    /// For effects that let a share of light pass to each view from each texel: those shares at `beta`.
+    ///
+    /// They are multiplied into the light transport; [`record`](Self::record) then acts on what differs from `beta`.
+    fn passing(&self, _horizon: &Horizon, _seen: &Observations, _beta: &[f64]) -> Option<Passing> {
+        None
+    }
     /// Its place in the forward model: from the values that reach it to those that leave it.
     fn record(&self, value: &Var, terms: &[Recorded]) -> Var {
         match weighted(terms) {

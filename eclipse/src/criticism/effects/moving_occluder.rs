@@ -1,12 +1,14 @@
 //! Somebody or something that moves with the camera and stands in the light.
 
+use glam::Vec3;
 use rayon::prelude::*;
 use render::occluder::shell_direction;
 
-use super::{Effect, Stage, Term, support::CameraGrid};
-use crate::criticism::scene::Scene;
+use super::{Effect, Passing, Stage, Term, support::CameraGrid};
+use crate::criticism::{observe::Observations, scene::Scene, transport::Horizon};
 
-/// 1 − m_t(ω), m ≥ 0: opacity of the cells of a grid that turns with the camera, on the shell at the camera's distance.
+/// 1 − m_t(ω), m ≥ 0: opacity of the cells of a grid that turns with the camera, on the shell at the camera's distance, and more
+/// of it in broad parts behind the camera frame by frame, since people do not stand still.
 ///
 /// Opacity is linear in the image, so that its gradient does not vanish where nothing is blocked yet.
 pub struct MovingOccluder;
@@ -25,21 +27,87 @@ impl Effect for MovingOccluder {
         &["exposure_drift", "moving_light", "occluder_bounce"]
     }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
-        blocked_light(scene, |texel, c| scene.radiance[3 * texel + c])
-            .into_iter()
-            .enumerate()
-            .map(|(cell, mut field)| {
-                field.iter_mut().for_each(|f| *f = -*f);
-                let name = format!("opacity at {}", CameraGrid::name(cell));
-                let scale = if CameraGrid::behind_camera(cell) {
-                    0.5
-                } else {
-                    0.15
-                };
-                Term::new(name, scale, field).positive()
+        let mut fields = blocked_light(scene, |texel, c| scene.radiance[3 * texel + c]);
+        fields
+            .iter_mut()
+            .flatten()
+            .for_each(|light| *light = -*light);
+        let own = (0..scene.seen.frames as u32)
+            .flat_map(|t| (0..CameraGrid::PARTS).map(move |part| (t, part)));
+        let own: Vec<Term> = own
+            .map(|(t, part)| {
+                let field = in_frame(scene, &fields, t, part);
+                let name = format!(
+                    "further opacity {} in frame {t}",
+                    CameraGrid::part_name(part)
+                );
+                Term::new(name, 0.3, field).positive().at_most(1.0).of(t)
             })
-            .collect()
+            .collect();
+        let cells = fields.into_iter().enumerate().map(|(cell, field)| {
+            let name = format!("opacity at {}", CameraGrid::name(cell));
+            let scale = if CameraGrid::behind_camera(cell) {
+                0.5
+            } else {
+                0.15
+            };
+            Term::new(name, scale, field).positive().at_most(1.0)
+        });
+        cells.chain(own).collect()
     }
+    fn passing(&self, horizon: &Horizon, seen: &Observations, beta: &[f64]) -> Option<Passing> {
+        if beta.iter().all(|b| *b == 0.0) {
+            return None;
+        }
+        let opacity: Vec<f32> = beta.iter().map(|b| *b as f32).collect();
+        let directions = horizon.directions.clone();
+        let azimuths = azimuths(seen);
+        let places: Vec<(Vec3, f32, [f32; 2], usize)> = seen
+            .views
+            .iter()
+            .map(|view| {
+                let point = seen.sites[view.site as usize].point.position;
+                let frame = view.frame as usize;
+                (point, seen.eyes[frame].length(), azimuths[frame], frame)
+            })
+            .collect();
+        Some(Box::new(move |view, texel| {
+            let (point, radius, azimuth, frame) = places[view];
+            let from = shell_direction(point, directions[texel], radius);
+            let cell = CameraGrid::cell(from, azimuth);
+            let at = |k: usize| opacity.get(k).copied().unwrap_or(0.0);
+            let own = CameraGrid::part(cell).map_or(0.0, |part| {
+                at(CameraGrid::CELLS + frame * CameraGrid::PARTS + part)
+            });
+            // The sum, whose derivatives are the fields; nothing is more than opaque.
+            (1.0 - at(cell) - own).max(0.0)
+        }))
+    }
+}
+
+/// The light that a part behind the camera sends to the views of one frame, from that of the cells.
+fn in_frame(scene: &Scene<'_>, cells: &[Vec<f32>], frame: u32, part: usize) -> Vec<f32> {
+    let members: Vec<&Vec<f32>> = (0..cells.len())
+        .filter(|&cell| CameraGrid::part(cell) == Some(part))
+        .map(|cell| &cells[cell])
+        .collect();
+    scene.on_views(|v| {
+        if scene.seen.views[v].frame != frame {
+            return [0.0; 3];
+        }
+        [0, 1, 2].map(|c| members.iter().map(|cell| cell[3 * v + c]).sum())
+    })
+}
+
+/// Cosine and sine of every camera's azimuth.
+fn azimuths(seen: &Observations) -> Vec<[f32; 2]> {
+    seen.eyes
+        .iter()
+        .map(|eye| {
+            let length = (eye.x * eye.x + eye.y * eye.y).sqrt().max(1e-9);
+            [eye.x / length, eye.y / length]
+        })
+        .collect()
 }
 
 /// For every cell of the camera's grid, what light of radiance `light(texel, colour)` from it adds to each view.
@@ -47,15 +115,7 @@ pub(super) fn blocked_light(
     scene: &Scene<'_>,
     light: impl Fn(usize, usize) -> f32 + Sync,
 ) -> Vec<Vec<f32>> {
-    let azimuths: Vec<[f32; 2]> = scene
-        .seen
-        .eyes
-        .iter()
-        .map(|eye| {
-            let length = (eye.x * eye.x + eye.y * eye.y).sqrt().max(1e-9);
-            [eye.x / length, eye.y / length]
-        })
-        .collect();
+    let azimuths = azimuths(scene.seen);
     let per_view: Vec<Vec<[f32; 3]>> = (0..scene.seen.views.len())
         .into_par_iter()
         .map(|v| {
@@ -64,7 +124,7 @@ pub(super) fn blocked_light(
             let eye = scene.seen.eyes[view.frame as usize];
             let albedo = scene.albedo_of(v);
             let mut cells = vec![[0.0f32; 3]; CameraGrid::CELLS];
-            for (texel, [d, s]) in scene.transport.row(v) {
+            for (texel, [d, s]) in scene.bare.row(v) {
                 let from = shell_direction(point, scene.horizon.directions[texel], eye.length());
                 let sum = &mut cells[CameraGrid::cell(from, azimuths[view.frame as usize])];
                 for c in 0..3 {

@@ -25,13 +25,12 @@ impl Effect for SpecularLobe {
         &["finer_environment", "response_curve", "clipping"]
     }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
+        // A model that has a lobe fits it with light and texture; a second one would only correct what it is too coarse for.
+        if scene.lobe.is_some() {
+            return Vec::new();
+        }
         [0.15f32, 0.3, 0.6]
             .into_iter()
-            .filter(|alpha| {
-                scene
-                    .lobe
-                    .is_none_or(|own| (alpha / own.alpha).ln().abs() > 0.4)
-            })
             .map(|alpha| {
                 // The lobe's response to κ, from two reflectances: it is linear but for Schlick's edge.
                 let (none, some) = (Lobe { alpha, kappa: 0.0 }, Lobe { alpha, kappa: 0.04 });

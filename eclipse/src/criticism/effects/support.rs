@@ -93,6 +93,32 @@ impl CameraGrid {
         )
     }
 
+    /// The number of parts of [`part`](Self::part).
+    pub const PARTS: usize = 6;
+
+    /// The part that a cell belongs to of where somebody behind the camera would be: left, middle and right, below and above.
+    pub fn part(cell: usize) -> Option<usize> {
+        let (row, column) = (cell / AZIMUTHS.len(), cell % AZIMUTHS.len());
+        let side = match column {
+            2 | 3 => 0,
+            4 => 1,
+            5 | 6 => 2,
+            _ => return None,
+        };
+        match row {
+            1 | 2 => Some(side),
+            3 | 4 => Some(3 + side),
+            _ => None,
+        }
+    }
+
+    /// What a part is, for people.
+    pub fn part_name(part: usize) -> String {
+        let side = ["right of", "at", "left of"][part % 3];
+        let height = if part < 3 { "below" } else { "above" };
+        format!("{side} the camera's azimuth, {height} 6° of elevation")
+    }
+
     /// Whether a cell is where somebody behind the camera would be.
     pub fn behind_camera(cell: usize) -> bool {
         let (row, column) = (cell / AZIMUTHS.len(), cell % AZIMUTHS.len());

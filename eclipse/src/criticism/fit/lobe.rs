@@ -19,6 +19,7 @@ impl Fit {
             let transport = Transport::new(&study.horizon, &study.seen, Some(lobe));
             let scene = Scene {
                 transport: &transport,
+                bare: &transport,
                 ..self.scene(study)
             };
             scene.lit_by(&self.radiance)
