@@ -1,4 +1,41 @@
 //! Differentiable rendering of one object of known shape under distant light and unseen occluders.
+//!
+//! The physics is in [`bsdf`], [`environment`], [`occluder`]; the object in [`mesh`] and [`bvh`]; light is found by sampling
+//! ([`path`], [`estimator`], [`loss`]: the paper's Eqs. 3–9 on the tape) or by quadrature ([`transport`], [`reference`](mod@reference)).
+//!
+//! # A short tour
+//!
+//! A matt tetrahedron in a white furnace reflects what falls on it, times its albedo:
+//!
+//! ```
+//! use glam::Vec3;
+//! use render::{
+//!     bsdf::{Material, Model}, bvh::Bvh, camera::Camera, environment::EnvironmentMap, image::Image,
+//!     mesh::Mesh, reference::Reference,
+//! };
+//!
+//! let corners = [Vec3::ONE, Vec3::new(1.0, -1.0, -1.0), Vec3::new(-1.0, 1.0, -1.0), Vec3::new(-1.0, -1.0, 1.0)];
+//! let mut mesh = Mesh::default();
+//! for face in [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]] {
+//!     let corners = face.map(|i| corners[i]);
+//!     let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize();
+//!     let first = mesh.positions.len() as u32;
+//!     mesh.positions.extend(corners);
+//!     mesh.normals.extend([normal; 3]);
+//!     mesh.faces.push([first, first + 1, first + 2]);
+//! }
+//! let bvh = Bvh::new(&mesh)?;
+//! let white = EnvironmentMap::new(Image::filled(64, 32, 3, 1.0))?;
+//! let camera = Camera::look_at(9, 9, 0.6, Vec3::new(2.0, -5.0, 1.0), Vec3::ZERO);
+//! let matt = Material { albedo: [0.6, 0.4, 0.2], alpha: 0.5, kappa: 0.0 };
+//!
+//! let middle = Reference::new(&bvh, &white, Model::Lambertian, 2).pixel(&camera, [4, 4], None, |_| matt);
+//! assert_eq!(middle[3], 1.0); // the object covers the pixel
+//! for (found, albedo) in middle.iter().zip(matt.albedo) {
+//!     assert!((found - albedo).abs() < 0.02, "{found} {albedo}");
+//! }
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 pub mod bsdf;
 pub mod bvh;
