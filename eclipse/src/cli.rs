@@ -3,6 +3,7 @@
 mod arguments;
 mod diagnose;
 mod evaluate;
+mod inspect;
 mod reconstruct;
 mod study;
 mod synthesize;
@@ -93,6 +94,7 @@ pub fn run(
     };
     let result = match &arguments.command {
         Command::Reconstruct(arguments) => reconstruct::run(arguments, &typed, out),
+        Command::Inspect(arguments) => inspect::run(arguments, out),
         Command::Evaluate(arguments) => evaluate::run(arguments, out),
         Command::Diagnose(arguments) => diagnose::run(arguments, out),
         Command::Study(arguments) => study::run(arguments, out, err),
