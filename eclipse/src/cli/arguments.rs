@@ -3,8 +3,8 @@
 use clap::{Parser, Subcommand};
 
 use super::{
-    diagnose::DiagnoseArguments, evaluate::EvaluateArguments,
-    inspect::InspectArguments, reconstruct::ReconstructArguments,
+    completions::CompletionsArguments, diagnose::DiagnoseArguments, evaluate::EvaluateArguments,
+    inspect::InspectArguments, man::ManArguments, reconstruct::ReconstructArguments,
     study::StudyArguments, synthesize::SynthesizeArguments,
 };
 
@@ -33,6 +33,10 @@ pub(super) enum Command {
     Study(StudyArguments),
     /// Renders a capture, with its truth, from a mesh, a material, an environment and occluders.
     Synthesize(SynthesizeArguments),
+    /// Prints a script that completes commands and options in a shell.
+    Completions(CompletionsArguments),
+    /// Prints the manual page.
+    Man(ManArguments),
 }
 
 #[cfg(test)]
