@@ -171,9 +171,10 @@ fn masks_beside_colmaps_images_are_used_in_both_namings() {
     for naming in ["NAME.png.png", "NAME.png"] {
         let folder = colmap(Encoding::Binary);
         let (images, masks) = (folder.path().join("images"), folder.path().join("masks"));
+        let loaded = load(folder.path());
         fs::create_dir(&masks).unwrap();
         // Masks from the alpha, then photographs without one.
-        for frame in load(folder.path()).frames {
+        for frame in loaded.frames {
             let mask = masks.join(naming.replace("NAME", &frame.name));
             eclipse::image_io::write_png8(&mask, &frame.mask).unwrap();
             let image = images.join(format!("{}.png", frame.name));
