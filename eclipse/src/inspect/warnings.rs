@@ -8,8 +8,9 @@ const POOR_OVERLAP: f32 = 0.8;
 const WIDE_GAP: f32 = 120.0;
 /// A tilt beyond this is a world that is not z up: people hold cameras at an angle, but not on their side.
 const TILTED: f32 = 60.0;
-/// Medians further apart than this are no longer the object's own shading.
-const UNEVEN: f32 = 3.0;
+/// Medians further apart than this are no longer the shading alone: in a room with a window the lit side of an object is some
+/// five times as bright as the other.
+const UNEVEN: f32 = 10.0;
 /// A share of pixels at the maximum that is no accident.
 const CLIPPED: f32 = 0.005;
 /// Fewer photographs than this hardly tell occluders from light.
