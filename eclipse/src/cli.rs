@@ -1,8 +1,11 @@
 //! The command line: arguments in, exit code out.
 
 mod arguments;
+mod completions;
 mod diagnose;
 mod evaluate;
+mod inspect;
+mod man;
 mod reconstruct;
 mod study;
 mod synthesize;
@@ -21,6 +24,7 @@ use std::{
 use clap::Parser;
 
 use arguments::{Arguments, Command};
+use man::ManArguments;
 
 /// How a command ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,10 +97,13 @@ pub fn run(
     };
     let result = match &arguments.command {
         Command::Reconstruct(arguments) => reconstruct::run(arguments, &typed, out),
+        Command::Inspect(arguments) => inspect::run(arguments, out),
         Command::Evaluate(arguments) => evaluate::run(arguments, out),
         Command::Diagnose(arguments) => diagnose::run(arguments, out),
         Command::Study(arguments) => study::run(arguments, out, err),
         Command::Synthesize(arguments) => synthesize::run(arguments, out, err),
+        Command::Completions(arguments) => completions::run(arguments, out),
+        Command::Man(ManArguments {}) => man::run(out),
     };
     match result {
         Ok(outcome) => outcome,

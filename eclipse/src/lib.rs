@@ -53,6 +53,7 @@ pub mod criticism;
 pub mod evaluate;
 pub mod files;
 pub mod image_io;
+pub mod inspect;
 pub mod layout;
 pub mod mesh_io;
 pub mod output;

@@ -1,9 +1,9 @@
 //! `report.html`: one self-contained page that shows what was recovered and how well it explains the photographs.
 
 mod chart;
-mod pictures;
+pub(crate) mod pictures;
 mod sections;
-mod text;
+pub(crate) mod text;
 
 use crate::{capture::Capture, image_io::ImageIoError, reconstruction::Reconstruction};
 

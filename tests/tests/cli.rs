@@ -181,3 +181,75 @@ fn synthesize_makes_a_capture_that_loads_with_its_truth() {
     assert_eq!(again.status.code(), Some(1));
     assert!(stderr(&again).contains("not empty"), "{}", stderr(&again));
 }
+
+/// The names of the program's commands, as its help lists them.
+fn commands() -> Vec<String> {
+    let help = stdout(&eclipse(&["--help"]));
+    let (_, list) = help.split_once("Commands:\n").unwrap();
+    let names = list.lines().take_while(|line| line.starts_with("  "));
+    // Descriptions may go on on lines that are indented further.
+    let names = names.filter(|line| !line.starts_with("   "));
+    let names = names.filter_map(|line| line.split_whitespace().next());
+    names
+        .filter(|name| *name != "help")
+        .map(str::to_owned)
+        .collect()
+}
+
+#[test]
+fn completions_of_every_shell_know_every_command_and_its_options() {
+    let commands = commands();
+    assert!(commands.len() >= 7, "{commands:?}");
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let output = eclipse(&["completions", shell]);
+        assert_eq!(output.status.code(), Some(0), "{shell}");
+        let script = stdout(&output);
+        for word in commands
+            .iter()
+            .map(String::as_str)
+            .chain(["time-limit", "truth"])
+        {
+            assert!(script.contains(word), "{shell} lacks {word}");
+        }
+    }
+    assert_eq!(eclipse(&["completions", "dos"]).status.code(), Some(2));
+}
+
+#[test]
+fn bash_takes_its_completions_and_completes_with_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("eclipse.bash");
+    fs::write(&path, eclipse(&["completions", "bash"]).stdout).unwrap();
+    let script = r#"
+        source "$1" || exit 9
+        COMP_WORDS=(eclipse inspect --js); COMP_CWORD=2
+        _eclipse eclipse --js inspect
+        echo "${COMPREPLY[@]}"
+    "#;
+    let bash = Command::new("bash")
+        .args(["-c", script, "bash", text(&path)])
+        .output();
+    let Ok(completed) = bash else {
+        println!("skipped: no bash");
+        return;
+    };
+    assert_eq!(completed.status.code(), Some(0), "{}", stderr(&completed));
+    assert_eq!(stdout(&completed).trim(), "--json");
+}
+
+#[test]
+fn the_manual_page_has_every_command_its_options_and_the_exit_codes() {
+    let output = eclipse(&["man"]);
+    assert_eq!(output.status.code(), Some(0));
+    let page = stdout(&output);
+    assert!(page.contains(".TH eclipse 1"), "{}", &page[..300]);
+    for command in commands() {
+        let heading = format!(".SH \"ECLIPSE {}\"", command.to_uppercase());
+        assert!(page.contains(&heading), "{heading}");
+    }
+    // Hyphens are escaped in manual pages.
+    for option in [r"\-\-time\-limit", r"\-\-truth"] {
+        assert!(page.contains(option), "{option}");
+    }
+    assert!(page.contains("130 interrupted with everything saved"));
+}

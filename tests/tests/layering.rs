@@ -92,7 +92,7 @@ fn modules_use_lower_floors_only() {
         &["checkpoint", "evaluate", "report"],
         &["control", "output"],
         &["reconstruct", "progress", "synthesize"],
-        &["criticism"],
+        &["criticism", "inspect"],
         &["cli"],
     ];
     for (floor, modules) in floors.iter().enumerate() {

@@ -11,10 +11,36 @@ use crate::{image_io::ImageIoError, mesh_io::MeshIoError};
 #[allow(missing_docs)] // The fields are what the messages say of them.
 pub enum CaptureError {
     /// A file of the capture cannot be read.
-    #[error("cannot read {}: {source}; a capture is a folder with transforms.json, images and a mesh", path.display())]
+    #[error("cannot read {}: {source}; a capture is a folder with transforms.json (or a COLMAP model), images and a mesh", path.display())]
     Read {
         path: PathBuf,
         source: std::io::Error,
+    },
+    /// A folder without anything that describes a capture.
+    #[error("{} holds none of the files that describe a capture; expected one of {signs}: put it there, or name another folder", path.display())]
+    NoFormat { path: PathBuf, signs: String },
+    /// A split names a frame that is not there.
+    #[error("{}: `{field}` names {name:?}, which is no frame's `file_path`; correct the name, or remove the split", path.display())]
+    Split {
+        path: PathBuf,
+        field: &'static str,
+        name: String,
+    },
+    /// Splits that leave nothing to reconstruct from.
+    #[error("{}: no frame is for training; expected some in `train_filenames`, or outside `val_filenames` and `test_filenames`", path.display())]
+    NoTraining { path: PathBuf },
+    /// A file of a COLMAP model cannot be read.
+    #[error("cannot read {}: {source}; a COLMAP model has cameras, images and points3D, all .bin or all .txt", path.display())]
+    ReadModel {
+        path: PathBuf,
+        source: std::io::Error,
+    },
+    /// A file of a COLMAP model is not what it should be.
+    #[error("{}: {place} {problem}; correct it, or write the model again with COLMAP", path.display())]
+    Model {
+        path: PathBuf,
+        place: String,
+        problem: String,
     },
     /// `transforms.json` is not what it should be.
     #[error("{} cannot be understood: {reason}; expected the JSON of Blender/NeRF or nerfstudio, with `frames`", path.display())]
@@ -82,7 +108,7 @@ pub enum CaptureError {
         row: usize,
     },
     /// Nothing says which pixels show the object.
-    #[error("frame {frame:?}: {} has no alpha channel and the frame no `mask_path`; give one of them to say which pixels show the object", path.display())]
+    #[error("frame {frame:?}: {} has no alpha channel and the frame no `mask_path`; give one of them (with COLMAP, masks/NAME.png) to say which pixels show the object", path.display())]
     NoMask { frame: String, path: PathBuf },
     /// No pixel shows the object.
     #[error("frame {frame:?}: the mask in {} is empty; expected values above one half where the object is: correct it, or leave the frame out", path.display())]

@@ -1,9 +1,10 @@
 //! What a user hands in: posed photographs and the object's shape.
 //!
-//! A capture is a folder with `transforms.json` ([`transforms`]), images, masks where the images have no alpha, and a
-//! mesh. It is checked as a whole when it is loaded: what is wrong with it comes out as one [`CaptureError`].
+//! A capture is a folder with images, masks where they have no alpha, a mesh, and what says how the images were taken, in
+//! one of several [`formats`]. It is checked as a whole when it is loaded: what is wrong with it comes out as one [`CaptureError`].
 
 mod error;
+pub mod formats;
 mod frames;
 mod paths;
 mod pose;
@@ -17,23 +18,19 @@ use glam::Vec3;
 use render::{camera::Camera, image::Image, mesh::Mesh};
 
 pub use error::CaptureError;
+pub use formats::Source;
 pub use silhouette::{Diagnosis, mask_overlap};
 pub use transforms::parse_transforms;
 pub use write::{write, write_with};
 
-use crate::{
-    capture::{paths::Folder, transforms::MAX_TRANSFORMS},
-    files::read_limited,
-    image_io::ColorEncoding,
-    mesh_io::read_mesh,
-};
+use crate::{capture::paths::Folder, image_io::ColorEncoding, mesh_io::read_mesh};
 
 /// A capture, read and checked, in the recentred frame (the middle of the mesh's bounding box is the origin).
 #[derive(Clone, Debug)]
 pub struct Capture {
     /// The folder it was read from.
     pub path: PathBuf,
-    /// Photographs, in the order of `transforms.json`.
+    /// Photographs, in the order of what describes them.
     pub frames: Vec<Frame>,
     /// The object.
     pub mesh: Mesh,
@@ -79,23 +76,30 @@ impl Default for LoadOptions {
 }
 
 impl Capture {
+    /// What describes the capture in the folder `path`, without its images.
+    ///
+    /// # Errors
+    /// [`CaptureError`] names the file, the field, what was expected and what to do.
+    pub fn describe(path: &Path, options: &LoadOptions) -> Result<Source, CaptureError> {
+        formats::read(&Folder::new(path, options.allow_outside)?)
+    }
+
     /// Reads and checks the capture in the folder `path`.
     ///
-    /// Images are decoded in parallel; the first error in the order of `transforms.json` is the one returned.
+    /// Images are decoded in parallel; the first error in the order of the frames is the one returned.
     ///
     /// # Errors
     /// [`CaptureError`] names the file, the field, what was expected and what to do.
     pub fn load(path: &Path, options: &LoadOptions) -> Result<Self, CaptureError> {
         let folder = Folder::new(path, options.allow_outside)?;
-        let json = path.join("transforms.json");
-        let bytes = read_limited(&json, MAX_TRANSFORMS).map_err(|source| CaptureError::Read {
-            path: json.clone(),
-            source,
-        })?;
-        let transforms = parse_transforms(&bytes, &json)?;
+        let Source {
+            path: described,
+            transforms,
+            ..
+        } = formats::read(&folder)?;
         let mut mesh = read_mesh(&folder.mesh(options.mesh.as_deref(), &transforms)?)?;
         let encoding = options.color_encoding.or(transforms.color_encoding);
-        let mut frames = frames::load(&folder, &json, &transforms, encoding)?;
+        let mut frames = frames::load(&folder, &described, &transforms, encoding)?;
 
         let [low, high] = mesh.bounds();
         let centre = 0.5 * low + 0.5 * high;

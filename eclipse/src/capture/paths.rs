@@ -37,17 +37,7 @@ impl Folder {
         name: &str,
     ) -> Result<PathBuf, CaptureError> {
         let path = self.join(name);
-        // The name as it is comes first: "view.001" has an extension that is none.
-        let candidates = [path.clone()]
-            .into_iter()
-            .chain(EXTENSIONS.iter().map(|extension| {
-                let mut name = path.clone().into_os_string();
-                name.push(".");
-                name.push(extension);
-                name.into()
-            }));
-        let found = candidates.into_iter().find(|path: &PathBuf| path.is_file());
-        let Some(found) = found else {
+        let Some(found) = find(&path) else {
             let known = path
                 .extension()
                 .is_some_and(|own| EXTENSIONS.iter().any(|extension| *extension == own));
@@ -64,6 +54,16 @@ impl Folder {
             });
         };
         self.check(field, found)
+    }
+
+    /// Whether `name` stands for an image that is there.
+    pub fn has_image(&self, name: &str) -> bool {
+        find(&self.join(name)).is_some()
+    }
+
+    /// The folder, as the user named it.
+    pub fn path(&self) -> &Path {
+        &self.path
     }
 
     /// The mesh: the one asked for, else one in the folder, else the one that `transforms.json` names.
@@ -105,4 +105,18 @@ impl Folder {
         }
         Err(CaptureError::Outside { field, path })
     }
+}
+
+/// The image file that `path` stands for, with or without its extension.
+fn find(path: &Path) -> Option<PathBuf> {
+    // The name as it is comes first: "view.001" has an extension that is none.
+    let candidates = [path.to_owned()]
+        .into_iter()
+        .chain(EXTENSIONS.iter().map(|extension| {
+            let mut name = path.as_os_str().to_owned();
+            name.push(".");
+            name.push(extension);
+            name.into()
+        }));
+    candidates.into_iter().find(|path: &PathBuf| path.is_file())
 }

@@ -28,6 +28,12 @@ pub struct Transforms {
     pub ply_file_path: Option<String>,
     /// Rows of the 3 × 4 or 4 × 4 transform that nerfstudio applied to the original poses.
     pub applied_transform: Option<Vec<Vec<f64>>>,
+    /// Which frames nerfstudio trains with, by `file_path`.
+    pub train_filenames: Option<Vec<String>>,
+    /// Which it keeps for validation.
+    pub val_filenames: Option<Vec<String>>,
+    /// Which it keeps for tests.
+    pub test_filenames: Option<Vec<String>>,
     /// The photographs.
     pub frames: Vec<TransformsFrame>,
 }

@@ -3,7 +3,8 @@
 use clap::{Parser, Subcommand};
 
 use super::{
-    diagnose::DiagnoseArguments, evaluate::EvaluateArguments, reconstruct::ReconstructArguments,
+    completions::CompletionsArguments, diagnose::DiagnoseArguments, evaluate::EvaluateArguments,
+    inspect::InspectArguments, man::ManArguments, reconstruct::ReconstructArguments,
     study::StudyArguments, synthesize::SynthesizeArguments,
 };
 
@@ -22,6 +23,8 @@ pub(super) struct Arguments {
 pub(super) enum Command {
     /// Recovers an environment map, materials and an occluder per photograph from a capture.
     Reconstruct(ReconstructArguments),
+    /// Shows what is understood of a capture, and what a run will take, before anyone waits.
+    Inspect(InspectArguments),
     /// Scores a reconstruction against a known truth.
     Evaluate(EvaluateArguments),
     /// Tells where a capture differs from its simulation, which physics was left out, and how much better it explains.
@@ -30,6 +33,10 @@ pub(super) enum Command {
     Study(StudyArguments),
     /// Renders a capture, with its truth, from a mesh, a material, an environment and occluders.
     Synthesize(SynthesizeArguments),
+    /// Prints a script that completes commands and options in a shell.
+    Completions(CompletionsArguments),
+    /// Prints the manual page.
+    Man(ManArguments),
 }
 
 #[cfg(test)]

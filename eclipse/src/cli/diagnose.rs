@@ -36,7 +36,7 @@ const RECONSTRUCTION: f64 = 120.0;
 #[derive(Args, Debug)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct DiagnoseArguments {
-    /// Folder with transforms.json, photographs and mesh.
+    /// Folder with photographs, their cameras and a mesh.
     pub capture: PathBuf,
     /// Folder that reconstruct wrote [default: a reconstruction without occluders is made].
     #[arg(long, value_name = "DIR")]

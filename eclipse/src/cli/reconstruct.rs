@@ -28,8 +28,8 @@ const RECONSTRUCT_EXAMPLES: &str = "Examples:
   eclipse reconstruct my-capture --out out/first --time-limit 1h --resume
   eclipse reconstruct my-capture --out out/refined --preset paper --from out/first --hold-out 8
 
-A capture is a folder with transforms.json (Blender/NeRF or nerfstudio fields), the photographs it
-names (EXR, HDR, PNG, JPEG; alpha or masks) and a mesh (mesh.glb, .gltf, .obj or .ply).";
+A capture is a folder with transforms.json (Blender/NeRF or nerfstudio) or a COLMAP model, the photographs
+it names (EXR, HDR, PNG, JPEG; alpha or masks) and a mesh (mesh.glb, .gltf, .obj or .ply).";
 
 /// What 50 rows of a mask can express (Driscoll & Healy, 1994), as the paper has it.
 const PAPER_DEGREE: usize = 24;
@@ -37,7 +37,7 @@ const PAPER_DEGREE: usize = 24;
 #[derive(Args, Debug)]
 #[command(after_help = RECONSTRUCT_EXAMPLES)]
 pub(super) struct ReconstructArguments {
-    /// Folder with transforms.json, photographs and mesh.
+    /// Folder with photographs, their cameras and a mesh.
     pub capture: PathBuf,
     /// Folder for the results [default: out/<name of the capture>].
     #[arg(long, value_name = "DIR")]

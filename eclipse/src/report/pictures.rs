@@ -16,7 +16,7 @@ const BLOCKED: [f32; 3] = [0.93, 0.36, 0.05];
 pub(super) const RESIDUAL_RANGE: f32 = 4.0;
 
 /// The PNG of display values (sRGB-encoded, in [0, 1]) as a URI to put into a page.
-pub(super) fn data_uri(display: &Image) -> Result<String, ImageIoError> {
+pub(crate) fn data_uri(display: &Image) -> Result<String, ImageIoError> {
     let png = encode_png8(display, Path::new("report.html"))?;
     Ok(format!("data:image/png;base64,{}", STANDARD.encode(png)))
 }
@@ -32,7 +32,7 @@ pub(super) fn floats(image: &Image) -> String {
 }
 
 /// Factor that brings the `quantile` of the values kept by `keep(pixel index)` to display white.
-pub(super) fn exposure(
+pub(crate) fn exposure(
     images: &[&Image],
     quantile: f64,
     keep: impl Fn(usize, usize) -> bool,
@@ -61,7 +61,7 @@ pub(super) fn exposure(
 }
 
 /// Linear values (the first three channels) for display.
-pub(super) fn tonemapped(image: &Image, exposure: f32) -> Image {
+pub(crate) fn tonemapped(image: &Image, exposure: f32) -> Image {
     let rgb =
         |pixel: &[f32]| std::array::from_fn(|c| encode(exposure * pixel[c.min(pixel.len() - 1)]));
     map(image, rgb)
@@ -122,7 +122,7 @@ pub(super) fn blocked(environment: &Image, mask: &Image, exposure: f32) -> Image
 }
 
 /// An image no larger than `side` either way: blocks of whole pixels averaged.
-pub(super) fn reduced(image: &Image, side: usize) -> Image {
+pub(crate) fn reduced(image: &Image, side: usize) -> Image {
     let step = image.width.max(image.height).div_ceil(side).max(1);
     if step == 1 {
         return image.clone();

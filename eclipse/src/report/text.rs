@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 /// Text made safe inside HTML elements and quoted attributes.
-pub(super) fn escaped(text: &str) -> String {
+pub(crate) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
         .replace('>', "&gt;")
@@ -11,7 +11,7 @@ pub(super) fn escaped(text: &str) -> String {
 }
 
 /// A number to three significant digits, in scientific notation when far from 1.
-pub(super) fn number(value: f64) -> String {
+pub(crate) fn number(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");
     }
@@ -39,7 +39,7 @@ pub(super) fn duration(seconds: f64) -> String {
 }
 
 /// A two-column table of the leaves of a JSON object, nested names joined by spaces.
-pub(super) fn table(values: &Value) -> String {
+pub(crate) fn table(values: &Value) -> String {
     let mut rows = Vec::new();
     leaves("", values, &mut rows);
     let row = |(name, value): &(String, String)| {

@@ -15,25 +15,11 @@ pub(super) fn overlap(
     inverted: bool,
     side: usize,
 ) -> f32 {
-    let scale = (side as f32 / mask.width.max(mask.height) as f32).min(1.0);
-    let size =
-        [mask.width, mask.height].map(|pixels| ((pixels as f32 * scale).round() as usize).max(1));
+    let (covered, size) = silhouette(positions, faces, camera, [mask.width, mask.height], side);
     let scale = [
         size[0] as f32 / mask.width as f32,
         size[1] as f32 / mask.height as f32,
     ];
-    let project = |&point: &Vec3| {
-        camera
-            .project(point)
-            .map(|[x, y]| [x * scale[0], y * scale[1]])
-    };
-    let corners: Vec<Option<[f32; 2]>> = positions.iter().map(project).collect();
-    let mut covered = vec![false; size[0] * size[1]];
-    for face in faces {
-        if let [Some(a), Some(b), Some(c)] = face.map(|index| corners[index as usize]) {
-            fill(&mut covered, size, [a, b, c]);
-        }
-    }
     let (mut both, mut either) = (0, 0);
     for (index, &covered) in covered.iter().enumerate() {
         let column = ((index % size[0]) as f32 + 0.5) / scale[0];
@@ -51,6 +37,36 @@ pub(super) fn overlap(
     } else {
         both as f32 / either as f32
     }
+}
+
+/// The pixels whose centres the mesh covers, row-major, and the size of their image: the longer side of `full` reduced to
+/// `side`. Triangles that reach behind the camera are left out.
+pub(super) fn silhouette(
+    positions: &[Vec3],
+    faces: &[[u32; 3]],
+    camera: &Camera,
+    full: [usize; 2],
+    side: usize,
+) -> (Vec<bool>, [usize; 2]) {
+    let scale = (side as f32 / full[0].max(full[1]) as f32).min(1.0);
+    let size = full.map(|pixels| ((pixels as f32 * scale).round() as usize).max(1));
+    let scale = [
+        size[0] as f32 / full[0] as f32,
+        size[1] as f32 / full[1] as f32,
+    ];
+    let project = |&point: &Vec3| {
+        camera
+            .project(point)
+            .map(|[x, y]| [x * scale[0], y * scale[1]])
+    };
+    let corners: Vec<Option<[f32; 2]>> = positions.iter().map(project).collect();
+    let mut covered = vec![false; size[0] * size[1]];
+    for face in faces {
+        if let [Some(a), Some(b), Some(c)] = face.map(|index| corners[index as usize]) {
+            fill(&mut covered, size, [a, b, c]);
+        }
+    }
+    (covered, size)
 }
 
 /// Marks the pixels whose centres lie in the triangle, whichever way it is wound.

@@ -7,7 +7,7 @@ use std::fmt;
 
 use glam::Vec3;
 use rayon::prelude::*;
-use render::mesh::Mesh;
+use render::{image::Image, mesh::Mesh};
 
 use super::{Capture, CaptureError, Frame, transforms::Transforms};
 use causes::{Cause, candidates};
@@ -34,6 +34,27 @@ pub fn mask_overlap(mesh: &Mesh, frame: &Frame) -> f32 {
         false,
         SIDE,
     )
+}
+
+impl Capture {
+    /// The mesh's silhouette through a frame's camera: one channel, 1 inside, the longer side at most `side` pixels.
+    pub fn silhouette(&self, frame: &Frame, side: usize) -> Image {
+        let Mesh {
+            positions, faces, ..
+        } = &self.mesh;
+        let full = [frame.camera.width, frame.camera.height];
+        let (covered, [width, height]) =
+            coverage::silhouette(positions, faces, &frame.camera, full, side);
+        Image {
+            width,
+            height,
+            channels: 1,
+            data: covered
+                .into_iter()
+                .map(|inside| f32::from(u8::from(inside)))
+                .collect(),
+        }
+    }
 }
 
 /// Refuses a capture whose median overlap is below `expected`, with the likely cause.

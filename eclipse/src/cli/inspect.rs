@@ -1,0 +1,187 @@
+//! `eclipse inspect`.
+
+use std::{io::Write, path::PathBuf};
+
+use clap::Args;
+
+use super::{Failure, Outcome, print, units};
+use crate::{
+    inspect::{self, Inspection, page},
+    settings::Settings,
+};
+
+const INSPECT_EXAMPLES: &str = "Examples:
+  eclipse inspect my-capture
+  eclipse inspect my-capture --mesh scan.ply --out out/inspection
+  eclipse inspect my-capture --json";
+
+#[derive(Args, Debug)]
+#[command(after_help = INSPECT_EXAMPLES)]
+pub(super) struct InspectArguments {
+    /// Folder with photographs, their cameras and a mesh.
+    pub capture: PathBuf,
+    /// Mesh to use in place of the capture's own.
+    #[arg(long, value_name = "FILE")]
+    pub mesh: Option<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+    /// Folder for a page with pictures (inspection.html) and the JSON.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+pub(super) fn run(arguments: &InspectArguments, out: &mut dyn Write) -> Result<Outcome, Failure> {
+    let settings = Settings::default();
+    let mesh = arguments.mesh.as_deref();
+    let (inspection, capture) =
+        inspect::inspect(&arguments.capture, mesh, &settings).map_err(Failure::bad_input)?;
+    if let Some(folder) = &arguments.out {
+        page::write(folder, &inspection, &capture).map_err(Failure::failed)?;
+    }
+    let mut shown = if arguments.json {
+        serde_json::to_string_pretty(&inspection).map_err(Failure::failed)? + "\n"
+    } else {
+        text(&inspection)
+    };
+    if let (Some(folder), false) = (&arguments.out, arguments.json) {
+        shown += &format!("wrote {}\n", folder.join(page::PAGE).display());
+    }
+    print(out, &shown)?;
+    match inspection.problem {
+        // What was understood is worth showing, but a script must learn that a run would refuse the capture.
+        Some(problem) => Err(Failure::bad_input(problem)),
+        None => Ok(Outcome::Done),
+    }
+}
+
+/// The inspection for people, a line a subject.
+fn text(inspection: &Inspection) -> String {
+    let Inspection {
+        object,
+        cameras,
+        silhouettes,
+        exposure,
+        coverage,
+        run,
+        ..
+    } = inspection;
+    let [x, y, z] = object.size;
+    let [cx, cy, cz] = object.centre;
+    let mut lines = vec![
+        (
+            "capture",
+            format!(
+                "{}, {}",
+                inspection.described_by.display(),
+                inspection.format
+            ),
+        ),
+        ("frames", frames(inspection)),
+        (
+            "object",
+            format!(
+                "{} triangles, {} vertices{}",
+                object.faces,
+                object.vertices,
+                if object.textured {
+                    ", with texture coordinates"
+                } else {
+                    ""
+                }
+            ),
+        ),
+        (
+            "",
+            format!(
+                "{x:.4} × {y:.4} × {z:.4} large, radius {:.4}, around ({cx:.4}, {cy:.4}, {cz:.4})",
+                object.radius
+            ),
+        ),
+        (
+            "cameras",
+            format!(
+                "{:.4} to {:.4} away, {:.0}° to {:.0}° high, widest gap around {:.0}°, tilt {:.0}°",
+                cameras.distance[0],
+                cameras.distance[1],
+                cameras.elevation[0],
+                cameras.elevation[1],
+                cameras.widest_gap,
+                cameras.tilt
+            ),
+        ),
+        (
+            "silhouettes",
+            format!(
+                "overlap the masks by {:.3} (median), {:.3} at worst (frame {})",
+                silhouettes.median, silhouettes.worst, silhouettes.worst_frame
+            ),
+        ),
+        (
+            "exposure",
+            format!(
+                "object at {:.3} (median), brightest frame {:.2} times the darkest, {:.2} % of pixels at the maximum {:.3}",
+                exposure.median,
+                exposure.spread,
+                100.0 * exposure.at_maximum,
+                exposure.maximum
+            ),
+        ),
+        (
+            "coverage",
+            format!(
+                "{:.0} % of the surface seen, {:.0} % by three photographs or more, {:.1} views of a place",
+                100.0 * coverage.seen,
+                100.0 * coverage.seen_by_three,
+                coverage.mean_views
+            ),
+        ),
+    ];
+    if let Some(points) = &inspection.points {
+        let value = format!(
+            "{} sparse points, {} in the mesh's box",
+            points.count, points.in_box
+        );
+        lines.push(("points", value));
+    }
+    lines.push((
+        "a run takes",
+        format!(
+            "about {} of {} memory, at most {:.0} s of solving by default, then about {:.0} s for pictures ({} threads)",
+            units::bytes(run.memory),
+            units::bytes(run.memory_allowed),
+            run.solve_seconds,
+            run.finish_seconds,
+            run.threads
+        ),
+    ));
+    lines.extend(
+        inspection
+            .warnings
+            .iter()
+            .map(|warning| ("warning", warning.clone())),
+    );
+    lines
+        .into_iter()
+        .map(|(name, value)| format!("{name:<12} {value}\n"))
+        .collect()
+}
+
+fn frames(inspection: &Inspection) -> String {
+    let mut sizes: Vec<[usize; 2]> = inspection
+        .frames
+        .iter()
+        .map(|frame| [frame.width, frame.height])
+        .collect();
+    sizes.sort_unstable();
+    sizes.dedup();
+    let size = match &*sizes {
+        [[width, height]] => format!("{width} × {height} pixels"),
+        several => format!("of {} sizes", several.len()),
+    };
+    let left_out = match inspection.left_out {
+        0 => String::new(),
+        count => format!(", {count} of other splits left out"),
+    };
+    format!("{}, {size}{left_out}", inspection.frames.len())
+}
