@@ -171,8 +171,9 @@ impl<'a> Problem<'a> {
             });
         }
         let progress = plan::progress(self.settings, state.iteration, seconds);
-        let share = rates::share(progress, self.settings.from.is_some());
-        state.step(&gradients, share, loss);
+        let from_start = self.settings.from.is_some();
+        let share = rates::share(progress, from_start);
+        state.step(&gradients, share, rates::occluder_share(from_start), loss);
         Ok(samples)
     }
 

@@ -2,6 +2,9 @@
 
 /// Share at a start from another solver's result: what it knows must not be shaken off.
 const START_SHARE: f64 = 0.1;
+/// Further share of the occluders' rate at a start: a step of theirs changes logits by far more than one of light or materials,
+/// and outlines that are sharp already would be shaken off by the noise of small batches.
+const START_OCCLUDER_SHARE: f32 = 0.1;
 /// Part of a run from a start during which rates rise from zero, until Adam's second moments tell how noisy gradients are.
 const WARM_UP: f64 = 0.02;
 /// What rates fall to.
@@ -22,6 +25,15 @@ pub fn share(progress: f64, from_start: bool) -> f32 {
         LAST.powf(((progress - FALL) / (1.0 - FALL)).clamp(0.0, 1.0))
     };
     share as f32
+}
+
+/// The occluders' part of [`share`].
+pub fn occluder_share(from_start: bool) -> f32 {
+    if from_start {
+        START_OCCLUDER_SHARE
+    } else {
+        1.0
+    }
 }
 
 #[cfg(test)]

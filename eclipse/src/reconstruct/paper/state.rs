@@ -60,8 +60,9 @@ impl State {
         }
     }
 
-    /// Takes a step of Adam along `gradients`, at `share` of the learning rates, and notes the batch's loss.
-    pub fn step(&mut self, gradients: &Unknowns, share: f32, loss: f64) {
+    /// Takes a step of Adam along `gradients`, at `share` of the learning rates, of which the occluders' has `occluder_share`, and
+    /// notes the batch's loss.
+    pub fn step(&mut self, gradients: &Unknowns, share: f32, occluder_share: f32, loss: f64) {
         self.iteration += 1;
         let step = self.iteration;
         let [environment, occluders, network] = &mut self.moments;
@@ -75,7 +76,7 @@ impl State {
         occluders.step(
             &mut unknowns.occluders,
             &gradients.occluders,
-            occluder_rate(self.plan) * share,
+            occluder_rate(self.plan) * share * occluder_share,
             step,
         );
         let mut weights = flatten(&unknowns.network);
