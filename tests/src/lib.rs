@@ -2,6 +2,7 @@
 
 pub mod colmap_model;
 pub mod perfect;
+pub mod program;
 pub mod scenes;
 pub mod small_capture;
 pub mod statistics;

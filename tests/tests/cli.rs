@@ -2,7 +2,6 @@
 
 use std::{
     fs,
-    path::Path,
     process::{Command, Output},
 };
 
@@ -11,25 +10,13 @@ use eclipse::{
     output,
     report::ReportOptions,
 };
-use eclipse_tests::perfect;
+use eclipse_tests::{
+    perfect,
+    program::{self, stderr, stdout, text},
+};
 
 fn eclipse(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_eclipse-under-test"))
-        .args(arguments)
-        .output()
-        .unwrap()
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
-}
-
-fn stdout(output: &Output) -> String {
-    String::from_utf8(output.stdout.clone()).unwrap()
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8(output.stderr.clone()).unwrap()
+    program::run(env!("CARGO_BIN_EXE_eclipse-under-test"), arguments)
 }
 
 #[test]

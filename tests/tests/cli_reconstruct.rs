@@ -7,7 +7,10 @@ use std::{
     time::Duration,
 };
 
-use eclipse_tests::perfect;
+use eclipse_tests::{
+    perfect,
+    program::{stderr, text},
+};
 
 fn eclipse(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_eclipse-under-test"));
@@ -17,14 +20,6 @@ fn eclipse(arguments: &[&str]) -> Command {
 
 fn run(arguments: &[&str]) -> Output {
     eclipse(arguments).output().unwrap()
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
 }
 
 /// Whether all images that two runs left are the same, byte for byte.

@@ -1,29 +1,22 @@
 //! `eclipse inspect`: what it says is true, in all its forms.
 
-use std::{
-    fs,
-    path::Path,
-    process::{Command, Output},
-};
+use std::{fs, path::Path, process::Output};
 
 use eclipse::{
     capture::{formats::colmap::Encoding, write},
     inspect::{Inspection, inspect},
     settings::Settings,
 };
-use eclipse_tests::{colmap_model, perfect, small_capture::small_capture};
+use eclipse_tests::{
+    colmap_model, perfect,
+    program::{self, text},
+    small_capture::small_capture,
+};
 use glam::Vec3;
 use serde_json::Value;
 
 fn eclipse(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_eclipse-under-test"))
-        .args(arguments)
-        .output()
-        .unwrap()
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
+    program::run(env!("CARGO_BIN_EXE_eclipse-under-test"), arguments)
 }
 
 fn inspected(path: &Path) -> Inspection {

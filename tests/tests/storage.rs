@@ -7,17 +7,12 @@ use std::{
     process::{Command, Output},
 };
 
-use eclipse_tests::perfect;
+use eclipse_tests::{
+    perfect,
+    program::{stderr, text},
+};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_eclipse-under-test");
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
 
 /// Runs the program where no file may grow beyond `blocks` of half a kibibyte or a kibibyte, as the shell counts.
 ///
