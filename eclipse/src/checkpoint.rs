@@ -8,7 +8,7 @@ mod store;
 
 use std::{collections::BTreeMap, path::PathBuf};
 
-use crate::settings::Settings;
+use crate::{reconstruction::CurvePoint, settings::Settings};
 
 pub use codec::{decode, encode};
 pub use store::{fingerprint, load, save};
@@ -41,6 +41,15 @@ pub enum Array {
     U64(Vec<u64>),
 }
 
+impl Array {
+    /// The loss curve as numbers, four a point.
+    pub fn curve(points: &[CurvePoint]) -> Self {
+        let numbers =
+            |p: &CurvePoint| [p.iteration as f64, p.seconds, p.loss, p.samples_per_second];
+        Self::F64(points.iter().flat_map(numbers).collect())
+    }
+}
+
 impl Checkpoint {
     /// The single-precision array `name`, which must have `length` values.
     ///
@@ -62,6 +71,21 @@ impl Checkpoint {
             Some(Array::F64(values)) if values.len() == length => Ok(values),
             found => Err(mismatch(name, "f64", length, found)),
         }
+    }
+
+    /// The loss curve, which must have `points` points (see [`Array::curve`]).
+    ///
+    /// # Errors
+    /// As [`Checkpoint::f32s`].
+    pub fn curve(&self, points: usize) -> Result<Vec<CurvePoint>, CheckpointError> {
+        let values = self.f64s("curve", points.saturating_mul(4))?;
+        let point = |p: &[f64]| CurvePoint {
+            iteration: p[0] as u64,
+            seconds: p[1],
+            loss: p[2],
+            samples_per_second: p[3],
+        };
+        Ok(values.chunks_exact(4).map(point).collect())
     }
 
     /// The integers `name`, which must be `length` many.

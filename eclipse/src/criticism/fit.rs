@@ -80,8 +80,20 @@ impl Fit {
         let formation = study.formation_with(bare.clone())?;
         let mut parameters = formation.zero();
         parameters.light = formation.light_like(&study.radiance);
-        let size = 3 * study.seen.len();
-        let mut fit = Self {
+        let mut fit = Self::unevaluated(parameters, lobe, bare, formation, 3 * study.seen.len());
+        fit.evaluate(study)?;
+        Ok(fit)
+    }
+
+    /// Nothing of it evaluated yet; `values` is how many there are.
+    fn unevaluated(
+        parameters: Parameters,
+        lobe: Option<Lobe>,
+        bare: Arc<Transport>,
+        formation: Formation,
+        values: usize,
+    ) -> Self {
+        Self {
             parameters,
             lobe,
             bare,
@@ -90,7 +102,7 @@ impl Fit {
             tau: [0.05; 3],
             inflation: 1.0,
             dark_inflation: 1.0,
-            trust: vec![1.0; size],
+            trust: vec![1.0; values],
             radiance: Vec::new(),
             albedo: Vec::new(),
             diffuse: Vec::new(),
@@ -99,9 +111,7 @@ impl Fit {
             value: Vec::new(),
             slope: Vec::new(),
             links: Vec::new(),
-        };
-        fit.evaluate(study)?;
-        Ok(fit)
+        }
     }
 
     /// The same model with another formation: what cannot be cloned is made anew.
@@ -109,24 +119,16 @@ impl Fit {
     /// # Errors
     /// As [`start`](Self::start).
     pub fn duplicate(&self, study: &Study<'_>) -> Result<Self, FitError> {
+        let formation = study.formation_with(self.formation.transport().clone())?;
+        let (parameters, bare) = (self.parameters.clone(), self.bare.clone());
         let mut fit = Self {
-            parameters: self.parameters.clone(),
-            lobe: self.lobe,
-            bare: self.bare.clone(),
-            formation: study.formation_with(self.formation.transport().clone())?,
             active: self.active.clone(),
             tau: self.tau,
             inflation: self.inflation,
             dark_inflation: self.dark_inflation,
             trust: self.trust.clone(),
-            radiance: Vec::new(),
-            albedo: Vec::new(),
-            diffuse: Vec::new(),
-            specular: Vec::new(),
-            ideal: Vec::new(),
-            value: Vec::new(),
-            slope: Vec::new(),
             links: self.links.clone(),
+            ..Self::unevaluated(parameters, self.lobe, bare, formation, self.trust.len())
         };
         fit.evaluate(study)?;
         Ok(fit)

@@ -11,7 +11,11 @@ use glam::Vec3;
 use rayon::prelude::*;
 use render::{lat_long::LatLong, maps::PyramidMap, pyramid::Pyramid};
 
-use super::{observe::Observations, split::farthest, transport::Transport};
+use super::{
+    observe::Observations,
+    split::farthest,
+    transport::{Number, Transport},
+};
 
 /// Standard deviations of the logarithm of radiance added by each level, finest first, as in the solver.
 const LIGHT_DEVIATIONS: [f32; 6] = [0.12, 0.25, 0.5, 0.8, 1.0, 1.0];
@@ -291,12 +295,7 @@ impl Bumps {
         &self.values[site * self.bumps..(site + 1) * self.bumps]
     }
 
-    fn forward<T: Copy + Default + From<f32> + std::ops::Mul<Output = T> + std::ops::AddAssign>(
-        &self,
-        columns: usize,
-        input: &[T],
-        output: &mut [T],
-    ) {
+    fn forward<T: Number>(&self, columns: usize, input: &[T], output: &mut [T]) {
         for (site, out) in output.chunks_exact_mut(columns).enumerate() {
             out.fill(T::default());
             for (&b, source) in self.at(site).iter().zip(input.chunks_exact(columns)) {
@@ -307,14 +306,7 @@ impl Bumps {
         }
     }
 
-    fn transpose<
-        T: Copy + Default + From<f32> + std::ops::Mul<Output = T> + std::ops::AddAssign,
-    >(
-        &self,
-        columns: usize,
-        input: &[T],
-        output: &mut [T],
-    ) {
+    fn transpose<T: Number>(&self, columns: usize, input: &[T], output: &mut [T]) {
         output.fill(T::default());
         for (site, source) in input.chunks_exact(columns).enumerate() {
             for (&b, out) in self.at(site).iter().zip(output.chunks_exact_mut(columns)) {

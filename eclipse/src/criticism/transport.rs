@@ -19,18 +19,11 @@ use render::{
 };
 
 use super::observe::Observations;
+pub use crate::reconstruct::shading::Lobe;
+use crate::reconstruct::shading::just_seen;
 
 /// Chunks that sums over views are cut into, so that they do not depend on the number of threads.
 const CHUNKS: usize = 16;
-
-/// A specular lobe, the same all over the object.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Lobe {
-    /// Width α of the GGX distribution.
-    pub alpha: f32,
-    /// Reflectance at normal incidence κ.
-    pub kappa: f32,
-}
 
 impl Lobe {
     /// The lobe that is expected of a surface nobody has measured; its logarithm of α and its κ scatter about this one.
@@ -216,7 +209,7 @@ impl Transport {
 }
 
 /// What the two precisions of the tape have in common here.
-trait Number:
+pub(super) trait Number:
     Copy
     + Default
     + From<f32>
@@ -253,9 +246,7 @@ pub fn reflect(lobe: Option<Lobe>, normal: Vec3, incident: Vec3, outgoing: Vec3)
     let Some(lobe) = lobe else {
         return (FRAC_1_PI, 0.0);
     };
-    // Interpolated normals can tilt away from the camera: there the surface is as if just seen.
-    let tilt = (0.02 - normal.dot(outgoing)).max(0.0);
-    match Cosines::new(normal, incident, (outgoing + tilt * normal).normalize()) {
+    match Cosines::new(normal, incident, just_seen(normal, outgoing)) {
         Some(cosines) => {
             let (factor, specular) = microfacet(cosines, lobe.alpha, lobe.kappa);
             (FRAC_1_PI * factor, specular)

@@ -18,14 +18,6 @@ pub trait Linearisation {
     fn vjp(&mut self, w: &[f32]) -> Vec<f32>;
 }
 
-/// A model that can be linearised anywhere.
-pub trait Model {
-    /// What the linearisation is.
-    type At: Linearisation;
-    /// Residuals and derivatives at `z`; `None` for `a` takes the best, which is returned beside.
-    fn linearise(&self, z: &[f32]) -> (Self::At, Vec<f32>);
-}
-
 /// How steps are taken.
 #[derive(Clone, Copy, Debug)]
 pub struct StepOptions {

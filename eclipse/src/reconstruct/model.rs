@@ -94,6 +94,26 @@ impl Shared {
         })
     }
 
+    /// The same patches under the same light, with nothing in its way; `observations` are those of [`Shared::new`].
+    ///
+    /// # Errors
+    /// As [`Shared::new`].
+    pub fn unoccluded(
+        &self,
+        observations: &Observations,
+        shells: Shells,
+    ) -> Result<Self, GraphError> {
+        Ok(Self {
+            fixed: self.fixed.repainted(self.grid, observations, &shells),
+            program: record(&self.pyramid, shells.groups.len())?,
+            sky: SkyModel::Clear,
+            shells,
+            pyramid: self.pyramid.clone(),
+            deviation: self.deviation.clone(),
+            ..*self
+        })
+    }
+
     /// The masks' grid, as fine as `MASK_SIDE` parts of a texel of light: shadows have edges where light has none.
     pub fn mask_grid(&self) -> LatLong {
         mask_grid(self.grid)

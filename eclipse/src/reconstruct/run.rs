@@ -104,7 +104,7 @@ pub fn run(
         threads: settings.threads,
     };
     let mut last: Option<(Shared, Vec<f32>)> = None;
-    'stages: while first < LEGS.len() {
+    while first < LEGS.len() {
         let (leg, mut stage) = (&LEGS[first], LEGS[first].stage);
         let rounds = leg.held.len();
         stage.rows = stage.rows.min(settings.grid_rows);
@@ -115,13 +115,11 @@ pub fn run(
             return Err(ReconstructError::NothingToFit);
         }
         let mut resumed = start.is_some();
-        if let Some(from) = &start
-            && problem.occluders.is_some()
-            && from.z.len() == shared.ranges()[0].len()
-        {
+        let light = shared.ranges()[0].len();
+        if problem.occluders.is_some() && start.as_ref().is_some_and(|from| from.z.len() == light) {
             // The run that is continued had found that nothing blocks the light.
             problem.occluders = None;
-            continue 'stages;
+            shared = run.clear(&shared, &observations)?;
         }
         let mut from = match (start.take(), &last) {
             (Some(start), _) => start,
@@ -167,11 +165,12 @@ pub fn run(
             if run.ended != Ended::Converged {
                 break;
             }
-            let occluders = shared.ranges()[1].len();
-            if (first, round) == (0, 1) && run.unoccluded(&problem, &stage, occluders, &used)? {
+            if (first, round) == (0, 1)
+                && let Some(clear) = run.unoccluded(&shared, &stage, &observations)?
+            {
                 problem.occluders = None;
-                (run.round, round) = (None, 0);
-                continue 'stages;
+                from = Start::from(vec![0.0; clear.parameters()]);
+                (shared, round) = (clear, 0);
             }
         }
         last = Some((shared, from.z));

@@ -189,10 +189,7 @@ impl Outgoing {
             .iter()
             .map(|&t| {
                 let outgoing = (eyes[t as usize] - place.position).normalize();
-                // Interpolated normals can tilt away from the camera at the silhouette: there the surface is as if just
-                // seen.
-                let tilt = (0.02 - place.normal.dot(outgoing)).max(0.0);
-                (outgoing + tilt * place.normal).normalize()
+                just_seen(place.normal, outgoing)
             })
             .collect();
         Self {
@@ -200,6 +197,13 @@ impl Outgoing {
             cosine: all.iter().map(|o| place.normal.dot(*o)).collect(),
         }
     }
+}
+
+/// The unit direction `outgoing`, where it lies behind the surface raised to graze it: interpolated normals can tilt away from
+/// the camera at the silhouette.
+pub fn just_seen(normal: Vec3, outgoing: Vec3) -> Vec3 {
+    let tilt = (0.02 - normal.dot(outgoing)).max(0.0);
+    (outgoing + tilt * normal).normalize()
 }
 
 /// Light reflected towards cameras, `[channel][frame]`: of an albedo of one, and by the lobe.

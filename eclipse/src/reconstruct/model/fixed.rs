@@ -46,6 +46,33 @@ impl Fixed {
             }
             offsets.push(texel.len() as u32);
         }
+        Self::painted(
+            grid,
+            observations,
+            shells,
+            [offsets.into(), texel.into()],
+            weight.into(),
+        )
+    }
+
+    /// The same transport with occluders on other surfaces, and the values as they were observed.
+    pub(super) fn repainted(
+        &self,
+        grid: LatLong,
+        observations: &Observations,
+        shells: &Shells,
+    ) -> Self {
+        let rows = [self.offsets.clone(), self.texel.clone()];
+        Self::painted(grid, observations, shells, rows, self.weight.clone())
+    }
+
+    fn painted(
+        grid: LatLong,
+        observations: &Observations,
+        shells: &Shells,
+        [offsets, texel]: [Arc<[u32]>; 2],
+        weight: Arc<[f32]>,
+    ) -> Self {
         let patches = observations.patches.len();
         let views = &observations.views;
         let values = grouped(shells, patches, observations, &|i, c| views[i].value[c]);
@@ -73,9 +100,9 @@ impl Fixed {
         Self {
             groups,
             albedo_of: albedo_of.into(),
-            offsets: offsets.into(),
-            texel: texel.into(),
-            weight: weight.into(),
+            offsets,
+            texel,
+            weight,
         }
     }
 }

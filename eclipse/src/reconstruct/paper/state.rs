@@ -112,11 +112,7 @@ impl State {
                 Array::F32(moments.second.clone()),
             );
         }
-        let curve = self
-            .curve
-            .iter()
-            .flat_map(|p| [p.iteration as f64, p.seconds, p.loss, p.samples_per_second]);
-        arrays.insert("curve".to_owned(), Array::F64(curve.collect()));
+        arrays.insert("curve".to_owned(), Array::curve(&self.curve));
         arrays.insert("loss".to_owned(), Array::F64(vec![self.loss]));
         arrays.insert("roughness".to_owned(), Array::F32(self.roughness.clone()));
         let Plan {
@@ -157,16 +153,7 @@ impl State {
         let cells = self.roughness.len();
         self.roughness = checkpoint.f32s("roughness", cells)?.to_vec();
         let points = checkpoint.u64s("counters", COUNTERS)?[COUNTERS - 1];
-        let curve = checkpoint.f64s("curve", (points as usize).saturating_mul(4))?;
-        self.curve = curve
-            .chunks_exact(4)
-            .map(|p| CurvePoint {
-                iteration: p[0] as u64,
-                seconds: p[1],
-                loss: p[2],
-                samples_per_second: p[3],
-            })
-            .collect();
+        self.curve = checkpoint.curve(points as usize)?;
         self.loss = checkpoint.f64s("loss", 1)?[0];
         self.iteration = checkpoint.iteration;
         Ok(())

@@ -10,16 +10,10 @@ use super::{
     LEGS, Place, Run,
     round::RoundStart,
 };
-use crate::{
-    checkpoint::{Array, Checkpoint, CheckpointError},
-    reconstruction::CurvePoint,
-};
+use crate::checkpoint::{Array, Checkpoint, CheckpointError};
 
 impl Run<'_> {
     pub(super) fn state(&self, place: Place, step: &fast::Step<'_>) -> Checkpoint {
-        let curve = self.curve.iter();
-        let curve =
-            curve.flat_map(|p| [p.iteration as f64, p.seconds, p.loss, p.samples_per_second]);
         let begun = self.round.as_ref();
         let lobe = begun.and_then(|begun| begun.lobe);
         let lobe = lobe.map_or(Vec::new(), |lobe| vec![lobe.alpha, lobe.kappa]);
@@ -40,7 +34,7 @@ impl Run<'_> {
                             .to_vec(),
                     ),
                 ),
-                ("curve".to_owned(), Array::F64(curve.collect())),
+                ("curve".to_owned(), Array::curve(&self.curve)),
                 ("lobe".to_owned(), Array::F32(lobe)),
                 ("round".to_owned(), Array::F32(begun)),
             ]),
@@ -54,7 +48,7 @@ impl Run<'_> {
     ) -> Result<([usize; 2], Option<Start>), CheckpointError> {
         let length = |name: &str| match checkpoint.arrays.get(name) {
             Some(Array::F32(values)) => values.len(),
-            Some(Array::F64(values)) => values.len() / 4 * 4,
+            Some(Array::F64(values)) => values.len() / 4,
             _ => 0,
         };
         if length("round") > 0 {
@@ -70,16 +64,7 @@ impl Run<'_> {
         let z = checkpoint.f32s("z", length("z"))?.to_vec();
         let damping = checkpoint.f32s("damping", 1)?[0];
         let place = checkpoint.u64s("stage", 3)?;
-        let curve = checkpoint.f64s("curve", length("curve"))?;
-        self.curve = curve
-            .chunks_exact(4)
-            .map(|p| CurvePoint {
-                iteration: p[0] as u64,
-                seconds: p[1],
-                loss: p[2],
-                samples_per_second: p[3],
-            })
-            .collect();
+        self.curve = checkpoint.curve(length("curve"))?;
         self.before = checkpoint.seconds;
         let stage = (place[0] as usize).min(LEGS.len() - 1);
         let round = (place[1] as usize).min(LEGS[stage].held.len() - 1);
