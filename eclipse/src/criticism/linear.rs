@@ -1,5 +1,7 @@
 //! Linear algebra: conjugate gradients for what is known by its products, and small dense systems.
 
+pub use crate::reconstruct::least_squares::dot;
+
 /// Solves A x = b from `x` for a symmetric positive definite A known by its products; ends after `most` products or when
 /// the residual has fallen by `tolerance`.
 pub fn conjugate_gradients(
@@ -38,14 +40,6 @@ pub fn conjugate_gradients(
         }
         rr = next;
     }
-}
-
-/// The inner product in double precision.
-pub fn dot(a: &[f32], b: &[f32]) -> f64 {
-    a.iter()
-        .zip(b)
-        .map(|(x, y)| f64::from(*x) * f64::from(*y))
-        .sum()
 }
 
 /// A lower-triangular Cholesky factor, row-major.

@@ -13,7 +13,7 @@ const AT_MAXIMUM: f32 = 0.999;
 pub struct ExposureInspection {
     /// Median over the frames of the object's median level, linear.
     pub median: f32,
-    /// Median level of the brightest frame over that of the darkest: photographs of one exposure differ little.
+    /// Median level of the brightest frame over that of the darkest: under one exposure, what shading makes of it.
     pub spread: f32,
     /// The greatest value on the object.
     pub maximum: f32,
