@@ -94,7 +94,7 @@ pub fn diagnose<'a>(
     seconds.insert("baseline".to_owned(), began.elapsed().as_secs_f64());
 
     let mut fits = vec![first];
-    let mut found: Vec<Step> = Vec::new();
+    let mut found: Vec<Choice> = Vec::new();
     let mut ranking = Vec::new();
     loop {
         let fit = &fits[fits.len() - 1];
@@ -142,7 +142,7 @@ pub fn diagnose<'a>(
             format!("refit {}", found.len() + 1),
             refitted.elapsed().as_secs_f64(),
         );
-        found.push(Step { choice });
+        found.push(choice);
         fits.push(next);
     }
 
@@ -154,7 +154,7 @@ pub fn diagnose<'a>(
         .collect();
     let mut findings = Vec::new();
     let mut confirmed = 0;
-    for (k, step) in found.iter().enumerate() {
+    for (k, choice) in found.iter().enumerate() {
         // Numbers of a sealed frame's own are unknown there, whichever effect they belong to.
         let gain = sealed::gain(&errors[k], &errors[k + 1], is_shared(&fits[k + 1]));
         // Held-out patches have made the case; sealed data may refuse it.
@@ -162,7 +162,7 @@ pub fn diagnose<'a>(
             break;
         }
         confirmed = k + 1;
-        findings.push(finding(step, &fits[k + 1], gain));
+        findings.push(finding(choice, &fits[k + 1], gain));
     }
     fits.truncate(confirmed + 1);
     let all_shared = is_shared(&fits[confirmed]);
@@ -233,11 +233,6 @@ fn is_shared(fit: &Fit) -> bool {
     terms.all(|term| term.frame.is_none())
 }
 
-/// An effect that was chosen.
-struct Step {
-    choice: Choice,
-}
-
 /// Scores these effects at a fit.
 ///
 /// # Errors
@@ -284,8 +279,8 @@ fn ranked(screen: &Screen) -> Vec<Ranked> {
         .collect()
 }
 
-fn finding(step: &Step, fit: &Fit, gain: sealed::Gain) -> Finding {
-    let score: &Score = &step.choice.score;
+fn finding(choice: &Choice, fit: &Fit, gain: sealed::Gain) -> Finding {
+    let score: &Score = &choice.score;
     let beta = fit
         .active
         .iter()
@@ -321,11 +316,11 @@ fn finding(step: &Step, fit: &Fit, gain: sealed::Gain) -> Finding {
         standard_errors: named(&score.standard_error),
         sealed_gain: gain.gain,
         sealed_gain_se: gain.error,
-        p_holm: step.choice.p_holm,
+        p_holm: choice.p_holm,
         survival: score.survival,
         size: score.size,
         minimum_detectable: score.minimum_detectable,
-        ambiguous_with: step.choice.ambiguous_with.clone(),
+        ambiguous_with: choice.ambiguous_with.clone(),
         place,
     }
 }

@@ -49,9 +49,7 @@ impl Simulation {
             occluders: reconstruction.occluders.clone(),
         }
     }
-}
 
-impl Simulation {
     /// Of the folder that `reconstruct` wrote, for a capture of `frames` frames.
     ///
     /// # Errors
@@ -244,14 +242,9 @@ impl<'a> Study<'a> {
         (self.value, self.variance) = (value, variance);
     }
 
-    /// Whether an observation takes part in fits.
+    /// Whether an observation takes part in fits, and may tell its site's own albedo.
     pub fn develops(&self, i: usize) -> bool {
         matches!(self.role[i], Role::Development(_))
-    }
-
-    /// Whether an observation may tell its site's own albedo: those of development, nothing sealed.
-    pub fn fits_albedo(&self, i: usize) -> bool {
-        self.develops(i)
     }
 
     /// The block an observation belongs to: a patch of surface in every fourth frame, or a patch of the background in one

@@ -6,7 +6,7 @@ use crate::criticism::statistics::median;
 impl Fit {
     /// Each site's own albedo at its best, and how much sites differ.
     pub(super) fn site_albedo(&mut self, study: &Study<'_>) -> Result<(), FitError> {
-        let precision = self.precision(study, &|i| study.fits_albedo(i));
+        let precision = self.precision(study, &|i| study.develops(i));
         let r = self.without_own_albedo(study);
         let own = precision.own(&r);
         self.parameters.deviation = own.iter().map(|o| o.0).collect();
