@@ -15,7 +15,7 @@ use render::{
     visibility::Visibility,
 };
 
-use super::{PaperError, PaperSolution, brightness, export};
+use super::{PaperError, PaperSolution, brightness, export, plan};
 use crate::{
     capture::{Capture, Frame},
     reconstruct::{finish::psnr, hold_out::fitted_half},
@@ -23,8 +23,6 @@ use crate::{
     settings::Settings,
 };
 
-/// Rays from the light and from the material of each pixel of a final render.
-const RAYS: usize = 64;
 /// Key of their random numbers: no iteration has it.
 const FINAL: u32 = u32::MAX;
 
@@ -41,7 +39,7 @@ pub fn finish(
     noise: Noise,
     used: &(dyn Fn(usize, u32) -> bool + Sync),
 ) -> Result<Reconstruction, PaperError> {
-    let view = View::new(&solution, bvh);
+    let view = View::new(&solution, bvh, plan::final_rays(settings, &capture.frames));
     let frames = capture.frames.iter().enumerate();
     let seen = frames.map(|(t, frame)| view.through(t, frame));
     let seen: Vec<(Image, Image)> = seen.collect::<Result<_, RunError>>()?;
@@ -89,10 +87,12 @@ struct View<'a> {
     lights: LightDistribution,
     /// `[texel][frame]`.
     masks: Vec<f32>,
+    /// Rays from the light, and as many from the material, of each pixel.
+    rays: usize,
 }
 
 impl<'a> View<'a> {
-    fn new(solution: &'a PaperSolution, bvh: &'a Bvh) -> Self {
+    fn new(solution: &'a PaperSolution, bvh: &'a Bvh, rays: usize) -> Self {
         let environment = &solution.environment;
         let grid = LatLong::new(environment.height, environment.width);
         let frames = solution.radii.len();
@@ -107,6 +107,7 @@ impl<'a> View<'a> {
             grid,
             lights: LightDistribution::new(grid, &brightness(environment)),
             masks,
+            rays,
         }
     }
 
@@ -178,8 +179,8 @@ impl<'a> View<'a> {
             radii: &self.solution.radii,
         };
         let settings = PathSettings {
-            light_samples: RAYS,
-            material_samples: RAYS,
+            light_samples: self.rays,
+            material_samples: self.rays,
             seed: 0,
             iteration: FINAL,
             lookup: Lookup::Bilinear,

@@ -5,7 +5,10 @@
 
 use render::{lat_long::LatLong, visibility::VisibilityCache};
 
-use crate::{capture::Capture, settings::Settings};
+use crate::{
+    capture::{Capture, Frame},
+    settings::Settings,
+};
 
 /// The paper's pixels an iteration.
 pub const MOST_PIXELS: u64 = 1 << 16;
@@ -23,6 +26,11 @@ const SAMPLES_PER_SECOND: f64 = 1.5e6;
 const WANTED_ITERATIONS: f64 = 2500.0;
 /// Share of the time limit kept for materials and renders.
 const FINISH_SHARE: f64 = 0.12;
+/// Samples that one core shades in a second in final renders, without derivatives.
+const FINAL_SAMPLES_PER_SECOND: f64 = 5e6;
+/// Rays from the light of each pixel of a final render. With 64 their noise is larger than what a good fit leaves; as many as
+/// the paper's iterations draw leave 35 dB and more to be seen.
+const FINAL_RAYS: (f64, f64) = (64.0, 512.0);
 /// Memory that a sample takes while an iteration runs, in bytes: its path twice over, and what the tape keeps of it.
 const BYTES_PER_SAMPLE: u64 = 160;
 /// The same for a pixel's two renders: the network's layers and their adjoints.
@@ -178,6 +186,17 @@ pub fn seconds(settings: &Settings) -> Option<f64> {
     settings
         .time_limit
         .map(|limit| (1.0 - FINISH_SHARE) * limit)
+}
+
+/// Rays from the light, and as many from the material, of each pixel of the final renders: what the time kept for them allows.
+pub fn final_rays(settings: &Settings, frames: &[Frame]) -> usize {
+    let (least, most) = FINAL_RAYS;
+    let object = |frame: &Frame| frame.mask.data.iter().filter(|&&m| m > 0.0).count();
+    let pixels: usize = frames.iter().map(object).sum();
+    let rays = settings.time_limit.map_or(most, |limit| {
+        FINISH_SHARE * limit * FINAL_SAMPLES_PER_SECOND / (2.0 * pixels.max(1) as f64)
+    });
+    rays.clamp(least, most) as usize
 }
 
 /// The most iterations, when time does not limit them.
