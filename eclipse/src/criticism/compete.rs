@@ -1,4 +1,4 @@
-//! Which effect is added next, if any, and which others do as well.
+//! Which effects are worth a refit, and which do as well as others.
 
 use super::{
     effects,
@@ -13,6 +13,9 @@ const LEAST_SHARE: f64 = 0.004;
 /// Corrected probability below which a gain is not chance.
 const LEVEL: f64 = 0.01;
 
+/// Refits of physics in a round.
+const CONTENDERS: usize = 3;
+
 /// The effect to be added.
 #[derive(Clone, Debug)]
 pub struct Choice {
@@ -24,53 +27,69 @@ pub struct Choice {
     pub ambiguous_with: Vec<&'static str>,
 }
 
-/// The best physics of a screening that stands up, or `None`.
+/// Who is refitted.
+pub struct Contenders {
+    /// The best physics that stands up, best first, and a capacity candidate that gains far more.
+    pub scores: Vec<Score>,
+    /// Probability of each, corrected for all candidates.
+    pub p_holm: Vec<(&'static str, f64)>,
+    /// Pairs whose gains lie within two paired standard errors of the first's.
+    pub rivals: Vec<(&'static str, &'static str)>,
+}
+
+/// The physics of a screening that stands up, at most [`CONTENDERS`]; `None` when there is none.
 ///
-/// Capacity candidates have many numbers for what physics does with few. One of them stops a piece of physics only when it
-/// gains more than twice as much: then the physics was a symptom of a model that is too coarse.
-pub fn choose(screen: &Screen) -> Option<Choice> {
+/// Capacity candidates have many numbers for what physics does with few. One of them takes part when it gains more than twice
+/// as much as the best physics: then the physics may be a symptom of a model that is too coarse.
+pub fn contenders(screen: &Screen) -> Option<Contenders> {
     let p: Vec<f64> = screen.scores.iter().map(|s| s.p).collect();
     let corrected = holm(&p);
     let capacity = |s: &Score| effects::by_id(s.id).is_some_and(|e| e.is_capacity());
     let interest = |s: &Score| effects::by_id(s.id).map_or(0.0, |e| e.interest());
-    let (best, p_holm) = screen
+    let standing: Vec<(&Score, f64)> = screen
         .scores
         .iter()
-        .zip(&corrected)
-        .find(|(s, p)| !capacity(s) && stands(s, **p, screen) && s.size > interest(s))
-        .map(|(s, p)| (s.clone(), *p))?;
+        .zip(corrected)
+        .filter(|(s, p)| !capacity(s) && stands(s, *p, screen) && s.size > interest(s))
+        .take(CONTENDERS)
+        .collect();
+    let most = standing.first()?.0.gain;
     let rival = screen
         .scores
         .iter()
-        .filter(|s| capacity(s))
-        .map(|s| s.gain)
-        .fold(0.0, f64::max);
-    if rival > 2.0 * best.gain {
-        return None;
-    }
-    let ambiguous_with = screen
-        .scores
-        .iter()
-        .filter(|s| s.id != best.id && !capacity(s) && s.gain > 0.0)
-        .filter(|s| {
-            let differences: Vec<f64> = best
-                .blocks
+        .find(|s| capacity(s) && s.gain > 2.0 * most);
+    let mut rivals = Vec::new();
+    for (best, _) in &standing {
+        let as_good = |s: &&Score| s.id != best.id && !capacity(s) && within(best, s);
+        rivals.extend(
+            screen
+                .scores
                 .iter()
-                .zip(&s.blocks)
-                .filter(|(a, b)| **a != 0.0 || **b != 0.0)
-                .map(|(a, b)| a - b)
-                .collect();
-            let (difference, error) = paired(&differences);
-            difference < 2.0 * error && s.gain > 0.5 * best.gain
-        })
-        .map(|s| s.id)
-        .take(2)
-        .collect();
-    Some(Choice {
-        score: best,
-        p_holm,
-        ambiguous_with,
+                .filter(as_good)
+                .map(|s| (best.id, s.id)),
+        );
+    }
+    Some(Contenders {
+        p_holm: standing.iter().map(|(s, p)| (s.id, *p)).collect(),
+        scores: standing
+            .iter()
+            .map(|(s, _)| *s)
+            .chain(rival)
+            .cloned()
+            .collect(),
+        rivals,
     })
+}
+
+/// Whether the difference of two gains is less than two standard errors of it.
+fn within(best: &Score, other: &Score) -> bool {
+    let pairs = best.blocks.iter().zip(&other.blocks);
+    let differences: Vec<f64> = pairs
+        .filter(|(a, b)| **a != 0.0 || **b != 0.0)
+        .map(|(a, b)| a - b)
+        .collect();
+    let (difference, error) = paired(&differences);
+    difference < 2.0 * error && other.gain > 0.5 * best.gain
 }
 
 fn stands(score: &Score, p_holm: f64, screen: &Screen) -> bool {

@@ -306,7 +306,12 @@ impl Fit {
 
     /// ½ rᵀ V⁻¹ r with the site's own albedo integrated out.
     fn cost(&self, study: &Study<'_>) -> f64 {
-        let precision = self.precision(study, &|i| study.develops(i));
+        self.cost_by(study, self)
+    }
+
+    /// The same as `judge` weighs it: costs of different models can be compared by one judge only.
+    pub fn cost_by(&self, study: &Study<'_>, judge: &Self) -> f64 {
+        let precision = judge.precision(study, &|i| study.develops(i));
         let r = self.without_own_albedo(study);
         0.5 * dot(&r, &precision.apply(&r))
     }

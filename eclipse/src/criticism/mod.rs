@@ -20,6 +20,7 @@ pub mod page;
 pub mod plot;
 pub mod precision;
 pub mod reduce;
+pub mod refit;
 pub mod scatter;
 pub mod scene;
 pub mod score;

@@ -1,8 +1,8 @@
 //! What a refit gains that is told which effects are true: the yardstick of a diagnosis.
 
 use super::{
-    diagnose::{DiagnoseError, Outcome, REFIT_STEPS},
-    effects, sealed,
+    diagnose::{DiagnoseError, Outcome},
+    effects, refit, sealed,
 };
 
 /// Gains on sealed patches over the first model.
@@ -41,7 +41,7 @@ pub fn yardstick(
         for effect in known {
             told.add(effect, Vec::new());
         }
-        told.refine(study, REFIT_STEPS)?;
+        told.refine(study, refit::STEPS)?;
     }
     let errors = |fit| sealed::errors(study, fit, &outcome.before);
     let before = errors(&outcome.before);

@@ -1,0 +1,120 @@
+//! Contenders in the full model: whoever screening puts first is refitted, and the refits decide.
+//!
+//! Screening predicts gains at a linearisation; what light and texture take up when they are free to follow, only a refit
+//! tells. All refits, that of the model as it is among them, take the same steps and are judged by one covariance.
+
+use super::{
+    compete::{Choice, Contenders},
+    diagnose::DiagnoseError,
+    effects,
+    fit::Fit,
+    score::Score,
+    study::Study,
+};
+
+/// Steps of a refit: with fewer, effects that light can imitate have not parted from it.
+pub const STEPS: usize = 12;
+
+/// A model with one effect more.
+pub struct Refit {
+    /// The effect's score on screening.
+    pub score: Score,
+    /// The model.
+    pub fit: Fit,
+    /// Twice the logarithm of the evidence it adds, in units of χ²: the gain over the model without it refitted just as long, less
+    /// what its numbers cost.
+    pub evidence: f64,
+}
+
+/// What refits say.
+pub struct Round {
+    /// The model without any effect more, refitted just as long.
+    pub null: Fit,
+    /// The effect to be added with its model; `None` when none stands up.
+    pub winner: Option<(Choice, Fit)>,
+    /// Every refit's effect and evidence, best first.
+    pub evidence: Vec<(&'static str, f64)>,
+}
+
+/// Refits `fit` with every contender; `report` is told which.
+///
+/// # Errors
+/// A bug of the tape, or whatever `report` answers.
+pub fn round(
+    study: &Study<'_>,
+    fit: &Fit,
+    contenders: Contenders,
+    report: &dyn Fn(&str) -> Result<(), DiagnoseError>,
+) -> Result<Round, DiagnoseError> {
+    report("refit without any further effect")?;
+    let mut null = fit.duplicate(study)?;
+    null.refine(study, STEPS)?;
+    let before = null.cost_by(study, &null);
+    let mut refits = Vec::new();
+    for score in contenders.scores {
+        report(&format!("refit with {}", score.id))?;
+        let effect =
+            effects::by_id(score.id).ok_or_else(|| DiagnoseError::Unknown(score.id.to_owned()))?;
+        let mut with = fit.duplicate(study)?;
+        with.add(effect, score.beta.clone());
+        with.refine(study, STEPS)?;
+        let gain = 2.0 * (before - with.cost_by(study, &null));
+        let evidence = gain - price(&with, &score);
+        tracing::debug!(id = score.id, gain, evidence, "refit");
+        refits.push(Refit {
+            score,
+            fit: with,
+            evidence,
+        });
+    }
+    refits.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    let evidence: Vec<(&'static str, f64)> =
+        refits.iter().map(|r| (r.score.id, r.evidence)).collect();
+    let best = refits.into_iter().next().filter(|best| {
+        // More freedom for what the model has already explains it best: no physics is needed.
+        best.evidence > 0.0 && !effects::by_id(best.score.id).is_some_and(|e| e.is_capacity())
+    });
+    let winner = best.map(|best| {
+        let as_good = |id: &&'static str| {
+            let other = evidence.iter().find(|(other, _)| other == id);
+            other.is_some_and(|(_, e)| *e > 0.5 * best.evidence)
+        };
+        let rivals = contenders.rivals.iter();
+        let rivals = rivals.filter(|(of, _)| *of == best.score.id);
+        let choice = Choice {
+            p_holm: contenders
+                .p_holm
+                .iter()
+                .find(|(id, _)| *id == best.score.id)
+                .map_or(1.0, |(_, p)| *p),
+            ambiguous_with: rivals.map(|(_, id)| *id).filter(as_good).collect(),
+            score: best.score,
+        };
+        (choice, best.fit)
+    });
+    Ok(Round {
+        null,
+        winner,
+        evidence,
+    })
+}
+
+/// What an effect's numbers cost: how far they are from what is usual, and how much of their range the data rule out (the
+/// logarithm of Occam's factor in Laplace's approximation, number by number; MacKay, Neural Computation 4, 1992).
+fn price(fit: &Fit, score: &Score) -> f64 {
+    let active = fit.active.iter().find(|a| a.effect.id() == score.id);
+    let link = fit.links.iter().find(|l| l.effect.id() == score.id);
+    let (Some(active), Some(link)) = (active, link) else {
+        return f64::INFINITY;
+    };
+    link.terms
+        .iter()
+        .zip(&active.beta)
+        .enumerate()
+        .map(|(k, (term, beta))| {
+            let error = score.standard_error.get(k).copied().unwrap_or(term.scale);
+            let ruled_out = (term.scale / error.max(1e-12)).max(1.0);
+            (beta / term.scale).powi(2) + 2.0 * ruled_out.ln()
+        })
+        .sum()
+}
