@@ -1,6 +1,6 @@
 //! Reconstruction of light, materials and unseen occluders from posed photographs.
 //!
-//! Data flow one way: [`capture`] → [`reconstruct`] → [`reconstruction`] → [`criticism`] → [`report`] and [`output`]; [`cli`] is the
+//! Data flow one way: [`capture`] → [`reconstruct`] → [`reconstruction`] → [`criticism`] → [`joint`] → [`report`] and [`output`]; [`cli`] is the
 //! program around them.
 //!
 //! # A short tour
@@ -54,6 +54,7 @@ pub mod evaluate;
 pub mod files;
 pub mod image_io;
 pub mod inspect;
+pub mod joint;
 pub mod layout;
 pub mod mesh_io;
 pub mod output;

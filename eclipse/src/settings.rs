@@ -37,6 +37,9 @@ pub struct Settings {
     /// Folder of an earlier result that the `paper` preset starts from.
     #[serde(default)]
     pub from: Option<PathBuf>,
+    /// Effects of the camera that are fitted jointly with all else, see [`crate::joint`].
+    #[serde(default)]
+    pub with: Vec<String>,
 }
 
 impl Default for Settings {
@@ -56,6 +59,7 @@ impl Default for Settings {
             harmonic_degree: 16,
             mesh: None,
             from: None,
+            with: Vec::new(),
         }
     }
 }

@@ -15,8 +15,8 @@ use super::{Failure, Outcome, print, stop_on_interrupt, units};
 use crate::{
     capture::{Capture, LoadOptions},
     control::Control,
-    criticism::{self, DiagnoseError, Diagnosis, Options, Simulation, page},
-    reconstruct,
+    criticism::{self, DiagnoseError, Diagnosis, Options, Simulation, effects, page},
+    joint, reconstruct,
     reconstruction::Ended,
     settings::Settings,
 };
@@ -175,7 +175,7 @@ pub(super) fn diagnose(
         !stop.load(Ordering::Relaxed)
     };
     let outcome = pool.install(|| criticism::diagnose(&capture, &simulation, &options, &go_on));
-    let outcome = match outcome {
+    let mut outcome = match outcome {
         Err(DiagnoseError::Interrupted) => return Ok(None),
         Err(error @ DiagnoseError::Unknown(_)) => {
             return Err(Failure {
@@ -185,11 +185,35 @@ pub(super) fn diagnose(
         }
         other => other.map_err(Failure::failed)?,
     };
+    outcome.diagnosis.command = reconstruction_with(job.capture, &outcome.diagnosis);
     inspect(&outcome).map_err(Failure::failed)?;
     if let Some(folder) = job.out {
         page::write(folder, &outcome).map_err(Failure::failed)?;
     }
     Ok(Some(outcome.diagnosis))
+}
+
+/// The command that reconstructs with what was found: effects of the camera fitted jointly, occluders if somebody moves in the
+/// light; `None` where a reconstruction can do nothing about it.
+fn reconstruction_with(capture: &Path, d: &Diagnosis) -> Option<String> {
+    let of_the_camera = |id: &&str| effects::by_id(id).is_some_and(|e| e.is_of_the_camera());
+    let found = || d.effects.iter().map(|finding| finding.id);
+    let with: Vec<&str> = found().filter(of_the_camera).collect();
+    let somebody = found().any(|id| id == joint::OCCLUDER);
+    if with.is_empty() && !somebody {
+        return None;
+    }
+    let mut command = format!(
+        "eclipse reconstruct {}",
+        units::shell_word(&capture.to_string_lossy())
+    );
+    if !somebody {
+        command += " --no-occluders";
+    }
+    if !with.is_empty() {
+        command += &format!(" --with {}", with.join(","));
+    }
+    Some(command)
 }
 
 fn summary(d: &Diagnosis, folder: &Path) -> String {
@@ -209,6 +233,9 @@ fn summary(d: &Diagnosis, folder: &Path) -> String {
             r.survival,
             if r.capacity { "  (capacity)" } else { "" }
         );
+    }
+    if let Some(command) = &d.command {
+        text += &format!("reconstruct with it: {command}\n");
     }
     text + &format!("wrote {}\n", folder.join("diagnosis.html").display())
 }

@@ -14,7 +14,7 @@ use crate::{
     capture::{Capture, LoadOptions},
     checkpoint,
     control::Control,
-    layout, output,
+    joint, layout, output,
     progress::ProgressDisplay,
     reconstruct,
     reconstruction::{Ended, Reconstruction},
@@ -27,6 +27,7 @@ const RECONSTRUCT_EXAMPLES: &str = "Examples:
   eclipse reconstruct my-capture --out out/first --time-limit 10m --hold-out 8
   eclipse reconstruct my-capture --out out/first --time-limit 1h --resume
   eclipse reconstruct my-capture --out out/refined --preset paper --from out/first --hold-out 8
+  eclipse reconstruct my-capture --out out/camera --with exposure_drift,vignetting
 
 A capture is a folder with transforms.json (Blender/NeRF or nerfstudio) or a COLMAP model, the photographs
 it names (EXR, HDR, PNG, JPEG; alpha or masks) and a mesh (mesh.glb, .gltf, .obj or .ply).";
@@ -78,6 +79,9 @@ pub(super) struct ReconstructArguments {
     /// Keep every K-th frame out of the fit of environment and materials, and judge by it.
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u64).range(2..))]
     pub hold_out: Option<u64>,
+    /// Effects of the camera to fit jointly: exposure_drift, vignetting, black_level, response_curve, veiling_glare.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub with: Vec<String>,
     /// Continue the run in --out from its checkpoint.
     #[arg(long)]
     pub resume: bool,
@@ -99,6 +103,10 @@ pub(super) fn run(
             message: "--from is of the paper preset: add --preset paper".to_owned(),
         });
     }
+    joint::of_the_camera(&settings.with).map_err(|error| Failure {
+        outcome: Outcome::Usage,
+        message: error.to_string(),
+    })?;
     let folder = arguments.out();
     let resumed = arguments.resume.then(|| checkpoint::load(&folder));
     let resumed = resumed.transpose().map_err(Failure::bad_input)?;
@@ -136,7 +144,7 @@ pub(super) fn run(
         checkpoint: &|checkpoint| checkpoint::save(&folder, checkpoint),
         resume: resumed.as_ref(),
     };
-    let solved = pool.install(|| reconstruct::run(&capture, &settings, &control));
+    let solved = pool.install(|| joint::run(&capture, &settings, &control));
     display.finish();
     let solved = solved.map_err(Failure::failed)?;
     let report = ReportOptions::new(command(typed));
@@ -183,21 +191,12 @@ fn command(typed: &[OsString]) -> String {
     let words = typed.iter().skip(1).map(|word| word.to_string_lossy());
     let words = words
         .filter(|word| word != "--resume")
-        .map(|word| quoted(&word));
+        .map(|word| units::shell_word(&word));
     ["eclipse".to_owned()]
         .into_iter()
         .chain(words)
         .collect::<Vec<_>>()
         .join(" ")
-}
-
-fn quoted(word: &str) -> String {
-    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,+@%".contains(c);
-    if !word.is_empty() && word.chars().all(plain) {
-        word.to_owned()
-    } else {
-        format!("'{}'", word.replace('\'', r"'\''"))
-    }
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -255,6 +254,7 @@ impl ReconstructArguments {
             },
             mesh: self.mesh.clone(),
             from: self.from.clone(),
+            with: self.with.clone(),
             ..default
         }
     }

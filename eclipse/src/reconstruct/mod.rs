@@ -21,4 +21,4 @@ pub mod sky;
 pub mod surface;
 pub mod transport;
 
-pub use run::{ReconstructError, memory, run};
+pub use run::{ReconstructError, memory, photometric, run};

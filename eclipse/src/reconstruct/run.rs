@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, time::Instant};
 
-use render::{bvh::Bvh, lat_long::LatLong, mesh::MeshError};
+use render::{bvh::Bvh, image::Image, lat_long::LatLong, mesh::MeshError};
 
 mod evidence;
 mod frames;
@@ -204,6 +204,19 @@ fn check_length(z: Option<&Vec<f32>>, expected: usize) -> Result<(), CheckpointE
     }
 }
 
+/// How well `renders` of all frames explain the photographs of `capture`.
+pub fn photometric(capture: &Capture, settings: &Settings, renders: &[Image]) -> Photometric {
+    let (chosen, frames) = (Frames::new(capture, settings), &capture.frames);
+    let fitted = |t: usize, _: u32| chosen.fitted(t);
+    let judged = |t: usize, p: u32| {
+        chosen.held_out[t] && !hold_out::fitted_half(frames[t].image.width, p as usize)
+    };
+    Photometric {
+        psnr: finish::psnr(frames, renders, &fitted),
+        psnr_held_out: finish::psnr(frames, renders, &judged),
+    }
+}
+
 /// The bytes of memory that [`run`] plans to take at its peak.
 pub fn memory(capture: &Capture, settings: &Settings) -> u64 {
     match settings.preset {
@@ -376,7 +389,6 @@ impl Run<'_> {
             lobe,
             seed: self.settings.seed,
         };
-        let fitted = |t: usize, _: u32| chosen.fitted(t);
         let mut occluders = self.masks(shared, z)?;
         let mut finished = finish::finish(&found.under(occluders.as_ref()));
         if self.settings.hold_out.is_some() {
@@ -387,14 +399,8 @@ impl Run<'_> {
             finished = finish::finish(&found.under(moved.as_ref()));
             occluders = moved;
         }
-        let judged = |t: usize, p: u32| {
-            chosen.held_out[t] && !hold_out::fitted_half(frames[t].image.width, p as usize)
-        };
         let masks = occluders.map_or(Vec::new(), |masks| masks.images(rows));
-        let photometric = Photometric {
-            psnr: finish::psnr(frames, &finished.renders, &fitted),
-            psnr_held_out: finish::psnr(frames, &finished.renders, &judged),
-        };
+        let photometric = photometric(self.capture, self.settings, &finished.renders);
         let extra = BTreeMap::from([
             ("iterations".to_owned(), self.iteration().into()),
             ("seconds".to_owned(), self.seconds().into()),

@@ -1,7 +1,7 @@
 //! A constant that the sensor adds to every value.
 
-use super::{Effect, Stage, Term};
-use crate::criticism::scene::Scene;
+use super::{Effect, Stage, Term, camera_map::CameraMap};
+use crate::{capture::Capture, criticism::scene::Scene};
 
 /// + b_c.
 pub struct BlackLevel;
@@ -30,5 +30,16 @@ impl Effect for BlackLevel {
                 Term::new(format!("{name} (value)"), scale, scene.everywhere(|_| rgb))
             })
             .collect()
+    }
+    fn is_of_the_camera(&self) -> bool {
+        true
+    }
+    fn camera_map(&self, _capture: &Capture, numbers: &[f64]) -> Option<CameraMap> {
+        let &[r, g, b] = numbers else { return None };
+        let offset = [r, g, b].map(|v| v as f32);
+        Some(CameraMap::pixelwise(
+            move |_, _, rgb| std::array::from_fn(|c| rgb[c] + offset[c]),
+            move |_, _, rgb| std::array::from_fn(|c| rgb[c] - offset[c]),
+        ))
     }
 }

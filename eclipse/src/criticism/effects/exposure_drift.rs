@@ -2,11 +2,18 @@
 
 use autodiff::Var;
 
-use super::{Effect, Recorded, Stage, Term, weighted};
-use crate::criticism::scene::Scene;
+use super::{Effect, Recorded, Stage, Term, camera_map::CameraMap, weighted};
+use crate::{capture::Capture, criticism::scene::Scene};
 
 /// e^{g_t,c}: a gain of each frame, and two of its colours.
 pub struct ExposureDrift;
+
+/// Name, usual strength and weights of a frame's numbers: luminance, red against blue, green against the others.
+const COLOURS: [(&str, f64, [f32; 3]); 3] = [
+    ("gain", 0.1, [1.0, 1.0, 1.0]),
+    ("red against blue", 0.03, [1.0, 0.0, -1.0]),
+    ("green against the rest", 0.03, [-0.5, 1.0, -0.5]),
+];
 
 impl Effect for ExposureDrift {
     fn id(&self) -> &'static str {
@@ -22,12 +29,6 @@ impl Effect for ExposureDrift {
         &["moving_occluder", "moving_light", "response_curve"]
     }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
-        // Luminance, red against blue, green against the others.
-        const COLOURS: [(&str, f64, [f32; 3]); 3] = [
-            ("gain", 0.1, [1.0, 1.0, 1.0]),
-            ("red against blue", 0.03, [1.0, 0.0, -1.0]),
-            ("green against the rest", 0.03, [-0.5, 1.0, -0.5]),
-        ];
         (0..scene.seen.frames as u32)
             .flat_map(|t| {
                 COLOURS.map(|(name, scale, rgb)| {
@@ -42,6 +43,23 @@ impl Effect for ExposureDrift {
                 })
             })
             .collect()
+    }
+    fn is_of_the_camera(&self) -> bool {
+        true
+    }
+    fn camera_map(&self, capture: &Capture, numbers: &[f64]) -> Option<CameraMap> {
+        if numbers.len() != COLOURS.len() * capture.frames.len() {
+            return None;
+        }
+        let gain = |of_frame: &[f64]| -> [f32; 3] {
+            std::array::from_fn(|c| {
+                let parts = COLOURS.iter().zip(of_frame);
+                let log: f64 = parts.map(|((_, _, rgb), g)| g * f64::from(rgb[c])).sum();
+                log.exp() as f32
+            })
+        };
+        let gains: Vec<[f32; 3]> = numbers.chunks_exact(COLOURS.len()).map(gain).collect();
+        Some(CameraMap::gains(move |frame, _| gains[frame]))
     }
     fn record(&self, value: &Var, terms: &[Recorded]) -> Var {
         match weighted(terms) {

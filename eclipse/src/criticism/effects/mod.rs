@@ -1,5 +1,6 @@
 //! The physics a simulation may have left out: one file an effect, one trait, one list.
 
+pub mod camera_map;
 pub mod support;
 
 mod black_level;
@@ -25,7 +26,10 @@ mod vignetting;
 
 use autodiff::{Detached, Var};
 
+use camera_map::CameraMap;
+
 use super::{observe::Observations, scene::Scene, transport::Horizon};
+use crate::capture::Capture;
 
 /// The share of light that reaches a view from a texel.
 pub type Passing = Box<dyn Fn(usize, usize) -> f32 + Sync>;
@@ -138,6 +142,19 @@ pub trait Effect: Sync {
     /// They are multiplied into the light transport; [`record`](Self::record) then acts on what differs from `beta`.
     fn passing(&self, _horizon: &Horizon, _seen: &Observations, _beta: &[f64]) -> Option<Passing> {
         None
+    }
+    /// All that [`camera_map`](Self::camera_map) needs: its numbers, and what its fields say that is the same everywhere.
+    fn camera_numbers(&self, _terms: &[Term], beta: &[f64]) -> Vec<f64> {
+        beta.to_vec()
+    }
+    /// For effects of the camera that can be taken back: what it does to whole photographs, given its
+    /// [`camera_numbers`](Self::camera_numbers); `None` for all others, and for numbers that are not its own.
+    fn camera_map(&self, _capture: &Capture, _numbers: &[f64]) -> Option<CameraMap> {
+        None
+    }
+    /// Whether [`camera_map`](Self::camera_map) is there.
+    fn is_of_the_camera(&self) -> bool {
+        false
     }
     /// Its place in the forward model: from the values that reach it to those that leave it.
     fn record(&self, value: &Var, terms: &[Recorded]) -> Var {
