@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, time::Instant};
 
 use super::{
     compete::{self, Choice},
-    diagnosis::{Diagnosis, Finding, Ranked, Sealed},
+    diagnosis::{Diagnosis, Finding, Judged, Ranked, Refitted, Sealed},
     effects::{self, Effect},
     fit::{Fit, FitError},
     linearise::{Candidate, Jacobian},
@@ -95,6 +95,8 @@ pub fn diagnose<'a>(
     let mut fits = vec![first];
     let mut found: Vec<Choice> = Vec::new();
     let mut ranking = Vec::new();
+    let mut refits: Vec<Refitted> = Vec::new();
+    let mut baselines = BTreeMap::new();
     loop {
         let fit = &fits[fits.len() - 1];
         report("screening effects")?;
@@ -120,6 +122,9 @@ pub fn diagnose<'a>(
         }
         if ranking.is_empty() {
             ranking = ranked(&result);
+        } else {
+            let inside: Vec<&str> = fit.active.iter().map(|a| a.effect.id()).collect();
+            baselines.insert(format!("with {}", inside.join(", ")), ranked(&result));
         }
         let late = options
             .time_limit
@@ -139,6 +144,12 @@ pub fn diagnose<'a>(
         if found.is_empty() {
             put_first(&mut ranking, &round.evidence);
         }
+        refits.extend(round.evidence.iter().map(|&(id, evidence)| Refitted {
+            after: found.len(),
+            id,
+            evidence,
+            sealed: None,
+        }));
         if let Some(last) = fits.last_mut() {
             *last = round.null;
         }
@@ -161,7 +172,16 @@ pub fn diagnose<'a>(
         // Numbers of a sealed frame's own are unknown there, whichever effect they belong to.
         let gain = sealed::gain(&errors[k], &errors[k + 1], is_shared(&fits[k + 1]));
         // Held-out patches have made the case; sealed data may refuse it.
-        if gain.gain <= SEALED_SIGMA * gain.error {
+        let stands = gain.gain > SEALED_SIGMA * gain.error;
+        let own = |r: &&mut Refitted| r.after == k && r.id == choice.score.id;
+        if let Some(refit) = refits.iter_mut().find(own) {
+            refit.sealed = Some(Judged {
+                gain: gain.gain,
+                gain_se: gain.error,
+                confirmed: stands,
+            });
+        }
+        if !stands {
             break;
         }
         confirmed = k + 1;
@@ -203,7 +223,8 @@ pub fn diagnose<'a>(
         hot_spots,
         hot_spots_after,
         sentence: String::new(),
-        baselines: BTreeMap::new(),
+        refits,
+        baselines,
         moved,
         command: None,
         structured,

@@ -71,6 +71,30 @@ pub struct Ranked {
     pub capacity: bool,
 }
 
+/// A refit with one effect more.
+#[derive(Clone, Debug, Serialize)]
+pub struct Refitted {
+    /// How many effects were in the model before it.
+    pub after: usize,
+    /// The effect.
+    pub id: &'static str,
+    /// What it gains on the development data beyond what its numbers cost, in units of χ²; not above zero: nothing.
+    pub evidence: f64,
+    /// For the best of its round: gain on sealed data, and whether these let it stand.
+    pub sealed: Option<Judged>,
+}
+
+/// What sealed data say of a refit.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Judged {
+    /// Reduction of the squared error in units of the noise.
+    pub gain: f64,
+    /// Its standard error.
+    pub gain_se: f64,
+    /// Whether the effect stands.
+    pub confirmed: bool,
+}
+
 /// Errors on sealed data before and after.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Sealed {
@@ -103,7 +127,9 @@ pub struct Diagnosis {
     pub hot_spots_after: Vec<HotSpot>,
     /// The outcome in a sentence.
     pub sentence: String,
-    /// Screenings under other baselines: best gain of each effect.
+    /// All refits, in order.
+    pub refits: Vec<Refitted>,
+    /// Screenings under other baselines, by what was in the model: gains of each effect.
     pub baselines: BTreeMap<String, Vec<Ranked>>,
     /// How far albedo and light moved from the first model to the last (relative RMS).
     pub moved: BTreeMap<String, f64>,

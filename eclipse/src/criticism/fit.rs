@@ -260,6 +260,25 @@ impl Fit {
         self.active.push(Active { effect, beta });
     }
 
+    /// Sets all numbers of single frames to zero: before another effect joins, what only stood in for it must not stay.
+    pub fn forget_frames(&mut self) {
+        for active in &mut self.active {
+            let link = self
+                .links
+                .iter()
+                .find(|link| link.effect.id() == active.effect.id());
+            for (beta, term) in active
+                .beta
+                .iter_mut()
+                .zip(link.iter().flat_map(|l| l.terms.iter()))
+            {
+                if term.frame.is_some() {
+                    *beta = 0.0;
+                }
+            }
+        }
+    }
+
     /// Fields of the active effects for the model as it stands.
     pub fn relink(&mut self, study: &Study<'_>) -> Result<(), FitError> {
         let links: Vec<Link> = {

@@ -60,7 +60,7 @@ fn html(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, PageErro
     Ok(format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\n\
          <title>Diagnosis of {title}</title>\n<style>{style}</style></head><body>\n<h1>{title}: {verdict}</h1>\n\
-         <p class=\"sentence\">{sentence}</p>\n{found}{pictures}{spots}{ranking}{plots}{others}\
+         <p class=\"sentence\">{sentence}</p>\n{found}{pictures}{spots}{ranking}{refits}{plots}{others}\
          <footer>Written by eclipse {version}. Gains are reductions of squared error in units of the noise's variance. Sealed data: \
          one patch of surface and one frame in seven, seen by no fit.</footer></body></html>\n",
         title = escaped(&name),
@@ -70,6 +70,7 @@ fn html(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, PageErro
         pictures = pictures(outcome, frames)?,
         spots = spots(d),
         ranking = ranking(d),
+        refits = refits(d),
         plots = d.axes.iter().map(plot::axis).collect::<String>(),
         others = others(d),
         version = env!("CARGO_PKG_VERSION"),
@@ -242,6 +243,37 @@ fn ranking(d: &Diagnosis) -> String {
     format!(
         "<h2>All effects, by gain on held-out patches</h2><table><tr><th>effect</th><th>gain</th><th>p</th><th>size</th><th>survival</th>\
          <th>minimum detectable</th></tr>{rows}</table><p class=\"capacity\">Grey: not physics, but more freedom for light, albedo or occluders.</p>"
+    )
+}
+
+/// Refits: who was tried in the full model, and what became of it.
+fn refits(d: &Diagnosis) -> String {
+    if d.refits.is_empty() {
+        return String::new();
+    }
+    let rows: String = d
+        .refits
+        .iter()
+        .map(|r| {
+            let sealed = match &r.sealed {
+                None => String::new(),
+                Some(s) => format!(
+                    "{:.0} ± {:.0}: {}",
+                    s.gain,
+                    s.gain_se,
+                    if s.confirmed { "stands" } else { "refused" }
+                ),
+            };
+            format!(
+                "<tr><td>{}</td><td>{}</td><td>{:.0}</td><td>{sealed}</td></tr>",
+                r.after + 1,
+                r.id,
+                r.evidence
+            )
+        })
+        .collect();
+    format!(
+        "<h2>Refits</h2><table><tr><th>round</th><th>effect</th><th>evidence (χ²)</th><th>gain on sealed data</th></tr>{rows}</table>"
     )
 }
 

@@ -6,7 +6,7 @@
 use super::{
     compete::{Choice, Contenders},
     diagnose::DiagnoseError,
-    effects,
+    effects::{self, Term},
     fit::Fit,
     score::Score,
     study::Study,
@@ -56,9 +56,10 @@ pub fn round(
         let effect =
             effects::by_id(score.id).ok_or_else(|| DiagnoseError::Unknown(score.id.to_owned()))?;
         let mut with = fit.duplicate(study)?;
+        with.forget_frames();
         with.add(effect, score.beta.clone());
         with.refine(study, STEPS)?;
-        let gain = 2.0 * (before - with.cost_by(study, &null));
+        let gain = 2.0 * (before - with.cost_by(study, &null)) + unusual(&null) - unusual(&with);
         let evidence = gain - price(&with, &score);
         tracing::debug!(id = score.id, gain, evidence, "refit");
         refits.push(Refit {
@@ -99,22 +100,27 @@ pub fn round(
     })
 }
 
-/// What an effect's numbers cost: how far they are from what is usual, and how much of their range the data rule out (the
-/// logarithm of Occam's factor in Laplace's approximation, number by number; MacKay, Neural Computation 4, 1992).
+/// How far the effects' numbers are from what is usual, in standard deviations, squared.
+fn unusual(fit: &Fit) -> f64 {
+    let numbers = fit.active.iter().filter_map(|active| {
+        let link = (fit.links.iter()).find(|link| link.effect.id() == active.effect.id())?;
+        Some(link.terms.iter().zip(&active.beta))
+    });
+    numbers
+        .flatten()
+        .map(|(term, beta)| (beta / term.scale).powi(2))
+        .sum()
+}
+
+/// What an effect's numbers cost beyond that: how much of their range the data rule out (the logarithm of Occam's factor in
+/// Laplace's approximation, number by number; MacKay, Neural Computation 4, 1992).
 fn price(fit: &Fit, score: &Score) -> f64 {
-    let active = fit.active.iter().find(|a| a.effect.id() == score.id);
-    let link = fit.links.iter().find(|l| l.effect.id() == score.id);
-    let (Some(active), Some(link)) = (active, link) else {
+    let Some(link) = fit.links.iter().find(|l| l.effect.id() == score.id) else {
         return f64::INFINITY;
     };
-    link.terms
-        .iter()
-        .zip(&active.beta)
-        .enumerate()
-        .map(|(k, (term, beta))| {
-            let error = score.standard_error.get(k).copied().unwrap_or(term.scale);
-            let ruled_out = (term.scale / error.max(1e-12)).max(1.0);
-            (beta / term.scale).powi(2) + 2.0 * ruled_out.ln()
-        })
-        .sum()
+    let price = |(k, term): (usize, &Term)| {
+        let error = score.standard_error.get(k).copied().unwrap_or(term.scale);
+        2.0 * (term.scale / error.max(1e-12)).max(1.0).ln()
+    };
+    link.terms.iter().enumerate().map(price).sum()
 }
