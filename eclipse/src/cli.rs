@@ -7,6 +7,7 @@ mod evaluate;
 mod inspect;
 mod man;
 mod reconstruct;
+mod relight;
 mod study;
 mod synthesize;
 mod units;
@@ -102,6 +103,7 @@ pub fn run(
         Command::Diagnose(arguments) => diagnose::run(arguments, out),
         Command::Study(arguments) => study::run(arguments, out, err),
         Command::Synthesize(arguments) => synthesize::run(arguments, out, err),
+        Command::Relight(arguments) => relight::run(arguments, out),
         Command::Completions(arguments) => completions::run(arguments, out),
         Command::Man(ManArguments {}) => man::run(out),
     };

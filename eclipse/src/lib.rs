@@ -60,6 +60,7 @@ pub mod output;
 pub mod progress;
 pub mod reconstruct;
 pub mod reconstruction;
+pub mod relight;
 pub mod report;
 pub mod settings;
 pub mod synthesize;

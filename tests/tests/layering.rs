@@ -91,7 +91,7 @@ fn modules_use_lower_floors_only() {
         &["capture"],
         &["checkpoint", "evaluate", "report"],
         &["control", "output"],
-        &["reconstruct", "progress", "synthesize"],
+        &["reconstruct", "progress", "relight", "synthesize"],
         &["criticism", "inspect"],
         &["cli"],
     ];

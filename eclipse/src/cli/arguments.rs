@@ -5,7 +5,7 @@ use clap::{Parser, Subcommand};
 use super::{
     completions::CompletionsArguments, diagnose::DiagnoseArguments, evaluate::EvaluateArguments,
     inspect::InspectArguments, man::ManArguments, reconstruct::ReconstructArguments,
-    study::StudyArguments, synthesize::SynthesizeArguments,
+    relight::RelightArguments, study::StudyArguments, synthesize::SynthesizeArguments,
 };
 
 /// Recovers light, materials and unseen occluders from posed photographs of an object whose shape is known.
@@ -33,6 +33,8 @@ pub(super) enum Command {
     Study(StudyArguments),
     /// Renders a capture, with its truth, from a mesh, a material, an environment and occluders.
     Synthesize(SynthesizeArguments),
+    /// Renders a recovered object in other light: stills and turntables.
+    Relight(RelightArguments),
     /// Prints a script that completes commands and options in a shell.
     Completions(CompletionsArguments),
     /// Prints the manual page.
