@@ -4,6 +4,7 @@ mod arguments;
 mod completions;
 mod diagnose;
 mod evaluate;
+mod export;
 mod inspect;
 mod man;
 mod reconstruct;
@@ -104,6 +105,7 @@ pub fn run(
         Command::Study(arguments) => study::run(arguments, out, err),
         Command::Synthesize(arguments) => synthesize::run(arguments, out, err),
         Command::Relight(arguments) => relight::run(arguments, out),
+        Command::Export(arguments) => export::run(arguments, out),
         Command::Completions(arguments) => completions::run(arguments, out),
         Command::Man(ManArguments {}) => man::run(out),
     };

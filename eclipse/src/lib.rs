@@ -51,6 +51,7 @@ pub mod cli;
 pub mod control;
 pub mod criticism;
 pub mod evaluate;
+pub mod export;
 pub mod files;
 pub mod image_io;
 pub mod inspect;

@@ -14,7 +14,9 @@ use std::path::{Path, PathBuf};
 use glam::Vec3;
 use render::{bvh::Bvh, camera::Camera, environment::EnvironmentMap, mesh::MeshError};
 
-use crate::{capture::CaptureError, image_io::ImageIoError, mesh_io::MeshIoError};
+use crate::{
+    capture::CaptureError, files::lock::LockError, image_io::ImageIoError, mesh_io::MeshIoError,
+};
 
 pub use cameras::{Orbit, evenly};
 pub use object::Object;
@@ -160,6 +162,9 @@ pub enum RelightError {
         /// The folder.
         path: PathBuf,
     },
+    /// Another run writes to the folder.
+    #[error(transparent)]
+    Lock(#[from] LockError),
     /// A picture could not be written.
     #[error(transparent)]
     Image(#[from] ImageIoError),

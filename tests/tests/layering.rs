@@ -92,7 +92,7 @@ fn modules_use_lower_floors_only() {
         &["checkpoint", "evaluate", "report"],
         &["control", "output"],
         &["reconstruct", "progress", "relight", "synthesize"],
-        &["criticism", "inspect"],
+        &["criticism", "export", "inspect"],
         &["cli"],
     ];
     for (floor, modules) in floors.iter().enumerate() {

@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::RelightError;
 use crate::{
-    files::atomic,
+    files::{atomic, claim, lock::Lock},
     image_io::{ExrOptions, Precision, linear_to_srgb, write_exr_with, write_png8},
     layout::numbered,
 };
@@ -40,6 +40,7 @@ pub struct Record {
 /// A folder that holds pictures and nothing else.
 pub struct Folder {
     path: PathBuf,
+    _lock: Lock,
 }
 
 impl Folder {
@@ -49,14 +50,13 @@ impl Folder {
     /// [`RelightError::Occupied`] when it holds anything else, so that nobody's photographs are written over.
     pub fn prepare(path: &Path, record: &Record) -> Result<Self, RelightError> {
         let failed = |source| RelightError::write(path, source);
-        fs::create_dir_all(path).map_err(failed)?;
-        let ours = path.join(RECORD).is_file();
+        if !claim(path, RECORD).map_err(failed)? {
+            return Err(RelightError::Occupied { path: path.into() });
+        }
+        let lock = Lock::acquire(path)?;
         let mut stale = Vec::new();
         for entry in fs::read_dir(path).map_err(failed)? {
             let entry = entry.map_err(failed)?.path();
-            if !ours {
-                return Err(RelightError::Occupied { path: path.into() });
-            }
             if number(&entry).is_some_and(|number| number >= record.cameras.len()) {
                 stale.push(entry);
             }
@@ -69,7 +69,10 @@ impl Folder {
             io::Write::write_all(file, &[&text[..], b"\n"].concat())
         });
         written.map_err(failed)?;
-        Ok(Self { path: path.into() })
+        Ok(Self {
+            path: path.into(),
+            _lock: lock,
+        })
     }
 
     /// Writes picture `index`: EXR as it is, and PNG with the sRGB curve, its colours not multiplied by the coverage.
