@@ -4,9 +4,11 @@ mod arguments;
 mod completions;
 mod diagnose;
 mod evaluate;
+mod export;
 mod inspect;
 mod man;
 mod reconstruct;
+mod relight;
 mod study;
 mod synthesize;
 mod units;
@@ -102,6 +104,8 @@ pub fn run(
         Command::Diagnose(arguments) => diagnose::run(arguments, out),
         Command::Study(arguments) => study::run(arguments, out, err),
         Command::Synthesize(arguments) => synthesize::run(arguments, out, err),
+        Command::Relight(arguments) => relight::run(arguments, out),
+        Command::Export(arguments) => export::run(arguments, out),
         Command::Completions(arguments) => completions::run(arguments, out),
         Command::Man(ManArguments {}) => man::run(out),
     };

@@ -6,6 +6,7 @@ pub mod environment;
 pub mod materials;
 pub mod occluders;
 mod read;
+pub mod stanford_orb;
 
 pub use read::estimate;
 

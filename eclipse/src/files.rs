@@ -1,6 +1,7 @@
 //! Reading files that a stranger may have made.
 
 pub mod atomic;
+pub mod lock;
 
 use std::{
     fs::{self, File},
@@ -27,4 +28,16 @@ pub fn read_limited(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     // A file may grow between the two calls: the limit is enforced on what is read as well.
     File::open(path)?.take(limit).read_to_end(&mut bytes)?;
     Ok(bytes)
+}
+
+/// Makes the folder `path`, or takes one that holds the file `marker`, by which earlier results of the same kind are known.
+///
+/// Returns whether it is one's own: `false` when it holds anything else, which must not be written over.
+///
+/// # Errors
+/// A folder that can be neither made nor listed.
+pub fn claim(path: &Path, marker: &str) -> io::Result<bool> {
+    fs::create_dir_all(path)?;
+    let empty = fs::read_dir(path)?.next().is_none();
+    Ok(empty || path.join(marker).is_file())
 }

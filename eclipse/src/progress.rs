@@ -49,6 +49,40 @@ impl ProgressDisplay {
     }
 }
 
+/// A bar on standard error that counts pictures, with the time left; it shows nothing when that is not a terminal.
+pub struct PictureDisplay {
+    bar: ProgressBar,
+    pictures: usize,
+}
+
+impl PictureDisplay {
+    /// A bar for so many pictures.
+    pub fn new(pictures: usize) -> Self {
+        let bar = ProgressBar::with_draw_target(
+            Some(STEPS * pictures as u64),
+            ProgressDrawTarget::stderr(),
+        );
+        // The template is constant and known to parse; a plain bar would do as well.
+        if let Ok(style) = ProgressStyle::with_template("{bar:24} {msg} · {eta} left") {
+            bar.set_style(style.progress_chars("━╸─"));
+        }
+        Self { bar, pictures }
+    }
+
+    /// Shows that picture `index`, from 0, is done by `share`.
+    pub fn update(&self, index: usize, share: f32) {
+        let step = (share.clamp(0.0, 1.0) * STEPS as f32) as u64;
+        self.bar
+            .set_message(format!("picture {}/{}", index + 1, self.pictures));
+        self.bar.set_position(STEPS * index as u64 + step);
+    }
+
+    /// Removes the bar.
+    pub fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
 /// The part of the work done: by iterations or by time, whichever ends the run first.
 fn share(progress: &Progress, time_limit: Option<f64>) -> Option<f64> {
     let by_iteration = progress

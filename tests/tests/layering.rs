@@ -91,8 +91,8 @@ fn modules_use_lower_floors_only() {
         &["capture"],
         &["checkpoint", "evaluate", "report"],
         &["control", "output"],
-        &["reconstruct", "progress", "synthesize"],
-        &["criticism", "inspect"],
+        &["reconstruct", "progress", "relight", "synthesize"],
+        &["criticism", "export", "inspect"],
         &["joint"],
         &["cli"],
     ];

@@ -3,6 +3,7 @@
 //! A capture is a folder with images, masks where they have no alpha, a mesh, and what says how the images were taken, in
 //! one of several [`formats`]. It is checked as a whole when it is loaded: what is wrong with it comes out as one [`CaptureError`].
 
+mod cameras;
 mod error;
 pub mod formats;
 mod frames;
@@ -17,6 +18,7 @@ use std::path::{Path, PathBuf};
 use glam::Vec3;
 use render::{camera::Camera, image::Image, mesh::Mesh};
 
+pub use cameras::read_cameras;
 pub use error::CaptureError;
 pub use formats::Source;
 pub use silhouette::{Diagnosis, mask_overlap};

@@ -46,6 +46,8 @@ pub struct TransformsFrame {
     pub file_path: String,
     /// Its mask, if it is a file of its own: bright is the object.
     pub mask_path: Option<String>,
+    /// The scene that it belongs to, where one file lists several (Stanford-ORB's `transforms_novel.json`).
+    pub scene_name: Option<String>,
     /// Rows of the camera-to-world matrix, 4 × 4 or 3 × 4.
     #[serde(default)]
     pub transform_matrix: Vec<Vec<f64>>,

@@ -4,8 +4,9 @@ use clap::{Parser, Subcommand};
 
 use super::{
     completions::CompletionsArguments, diagnose::DiagnoseArguments, evaluate::EvaluateArguments,
-    inspect::InspectArguments, man::ManArguments, reconstruct::ReconstructArguments,
-    study::StudyArguments, synthesize::SynthesizeArguments,
+    export::ExportArguments, inspect::InspectArguments, man::ManArguments,
+    reconstruct::ReconstructArguments, relight::RelightArguments, study::StudyArguments,
+    synthesize::SynthesizeArguments,
 };
 
 /// Recovers light, materials and unseen occluders from posed photographs of an object whose shape is known.
@@ -33,6 +34,10 @@ pub(super) enum Command {
     Study(StudyArguments),
     /// Renders a capture, with its truth, from a mesh, a material, an environment and occluders.
     Synthesize(SynthesizeArguments),
+    /// Renders a recovered object in other light: stills and turntables.
+    Relight(RelightArguments),
+    /// Writes a result as other programs load it, with a small scene for them.
+    Export(ExportArguments),
     /// Prints a script that completes commands and options in a shell.
     Completions(CompletionsArguments),
     /// Prints the manual page.

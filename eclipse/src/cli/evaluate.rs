@@ -5,33 +5,96 @@ use std::{io::Write, path::PathBuf};
 use clap::Args;
 
 use super::{Failure, Outcome, print};
-use crate::evaluate::{self, Evaluation};
+use crate::evaluate::{
+    self, Evaluation,
+    stanford_orb::{self, Scale, Split, StanfordOrbScore},
+};
+
+const EXAMPLES: &str = "Examples:
+  eclipse evaluate out/potatoes --truth tests/captures/potatoes/truth --json
+  eclipse evaluate out/cup/test --stanford-orb blender_HDR/cup_scene001
+  eclipse evaluate out/cup/relit --stanford-orb blender_HDR/cup_scene001 --split novel
+
+With --stanford-orb the folder holds a prediction a view, 512 x 512 pixels, by its name: 0003.exr (linear) or 0003.png (sRGB); for
+the novel split in a folder for each scene, such as cup_scene002/0003.exr.";
 
 #[derive(Args, Debug)]
-#[command(
-    after_help = "Example:\n  eclipse evaluate out/potatoes --truth tests/captures/potatoes/truth --json"
-)]
+#[command(after_help = EXAMPLES)]
 pub(super) struct EvaluateArguments {
-    /// Folder that reconstruct wrote.
+    /// Folder that reconstruct wrote; with --stanford-orb, of predicted views.
     pub folder: PathBuf,
     /// Folder with the truth: environment.exr, occluders.exr, albedo_NNN.exr, truth.json, as far as known.
-    #[arg(long, value_name = "DIR")]
-    pub truth: PathBuf,
+    #[arg(long, value_name = "DIR", required_unless_present = "stanford_orb")]
+    pub truth: Option<PathBuf>,
+    /// Scores by the scripts of Stanford-ORB: PSNR-H, PSNR-L and SSIM against a scene of blender_HDR.
+    #[arg(long, value_name = "SCENE", conflicts_with = "truth")]
+    pub stanford_orb: Option<PathBuf>,
+    /// Views of the scene: train, test (the same light) or novel (other light).
+    #[arg(
+        long,
+        value_name = "SPLIT",
+        default_value = "test",
+        requires = "stanford_orb",
+        conflicts_with = "truth"
+    )]
+    pub split: Split,
+    /// Do not scale the channels of predictions first.
+    #[arg(long, requires = "stanford_orb", conflicts_with = "truth")]
+    pub unscaled: bool,
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
 }
 
 pub(super) fn run(arguments: &EvaluateArguments, out: &mut dyn Write) -> Result<Outcome, Failure> {
-    let evaluation =
-        evaluate::evaluate(&arguments.folder, &arguments.truth).map_err(Failure::bad_input)?;
-    let text = if arguments.json {
-        serde_json::to_string_pretty(&evaluation).map_err(Failure::failed)? + "\n"
-    } else {
-        table(&evaluation)
+    let text = match (&arguments.truth, &arguments.stanford_orb) {
+        (_, Some(scene)) => {
+            let scale = if arguments.unscaled {
+                Scale::None
+            } else {
+                Scale::Best
+            };
+            let score = stanford_orb::score(&arguments.folder, scene, arguments.split, scale);
+            let score = score.map_err(Failure::bad_input)?;
+            if arguments.json {
+                serde_json::to_string_pretty(&score).map_err(Failure::failed)? + "\n"
+            } else {
+                views(&score)
+            }
+        }
+        (Some(truth), None) => {
+            let evaluation =
+                evaluate::evaluate(&arguments.folder, truth).map_err(Failure::bad_input)?;
+            if arguments.json {
+                serde_json::to_string_pretty(&evaluation).map_err(Failure::failed)? + "\n"
+            } else {
+                table(&evaluation)
+            }
+        }
+        (None, None) => {
+            return Err(Failure {
+                outcome: Outcome::Usage,
+                message: "give --truth or --stanford-orb".to_owned(),
+            });
+        }
     };
     print(out, &text)?;
     Ok(Outcome::Done)
+}
+
+/// A line a view, the mean last.
+fn views(score: &StanfordOrbScore) -> String {
+    let width = score.views.iter().map(|(name, _)| name.len()).max();
+    let width = width.unwrap_or(0).max("mean".len());
+    let mut text = format!("{:width$}   PSNR-H   PSNR-L     SSIM\n", "view");
+    let mean = ("mean".to_owned(), score.mean);
+    for (name, s) in score.views.iter().chain([&mean]) {
+        text += &format!(
+            "{name:width$} {:>8.3} {:>8.3} {:>8.4}\n",
+            s.psnr_h, s.psnr_l, s.ssim
+        );
+    }
+    text
 }
 
 /// The scores for people, better ones told by the arrow's direction.

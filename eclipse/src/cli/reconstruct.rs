@@ -14,6 +14,7 @@ use crate::{
     capture::{Capture, LoadOptions},
     checkpoint,
     control::Control,
+    files::lock::Lock,
     joint, layout, output,
     progress::ProgressDisplay,
     reconstruct,
@@ -108,20 +109,25 @@ pub(super) fn run(
         message: error.to_string(),
     })?;
     let folder = arguments.out();
-    let resumed = arguments.resume.then(|| checkpoint::load(&folder));
-    let resumed = resumed.transpose().map_err(Failure::bad_input)?;
+    if arguments.resume {
+        // Nothing to continue from is said at once, not after the photographs are read.
+        checkpoint::load(&folder).map_err(Failure::bad_input)?;
+    }
     let options = LoadOptions {
         mesh: settings.mesh.clone(),
         ..Default::default()
     };
     let capture = Capture::load(&arguments.capture, &options).map_err(Failure::bad_input)?;
+    output::prepare(&folder).map_err(Failure::failed)?;
+    let _lock = Lock::acquire(&folder).map_err(Failure::failed)?;
+    let resumed = arguments.resume.then(|| checkpoint::load(&folder));
+    let resumed = resumed.transpose().map_err(Failure::bad_input)?;
     if let Some(checkpoint) = &resumed {
         let fingerprint = checkpoint::fingerprint(&capture);
         checkpoint
             .check(&settings, fingerprint)
             .map_err(Failure::bad_input)?;
     }
-    output::prepare(&folder).map_err(Failure::failed)?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(settings.threads)
         .build();

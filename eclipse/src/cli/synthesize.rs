@@ -6,17 +6,11 @@ use std::{
 };
 
 use clap::{Args, ValueEnum};
-use glam::Mat3;
-use render::{
-    bsdf::Model,
-    convention::{Convention, convert},
-    image::Image,
-    lat_long::LatLong,
-};
+use render::{bsdf::Model, convention::Convention, image::Image};
 
 use super::{Failure, Outcome, print, stop_on_interrupt};
 use crate::{
-    image_io::read_image,
+    image_io::{EnvironmentOptions, Rows, read_environment, read_image},
     mesh_io::read_mesh,
     synthesize::{self, Occluders, Pattern, Scene, Shooting, SynthesizeError},
 };
@@ -41,9 +35,9 @@ pub(super) struct SynthesizeArguments {
     /// New folder for the capture; the truth goes to its folder `truth`.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// How the environment is laid out: blender, mitsuba, openexr, threejs or skylibs.
-    #[arg(long, value_name = "NAME", default_value = "blender")]
-    pub convention: Convention,
+    /// How the environment is laid out: blender, mitsuba, openexr, threejs or skylibs [default: what the file says, else blender].
+    #[arg(long, value_name = "NAME")]
+    pub convention: Option<Convention>,
     /// Reflectance.
     #[arg(long, value_enum, default_value_t = Bsdf::Ggx)]
     pub bsdf: Bsdf,
@@ -148,42 +142,14 @@ pub(super) fn run(
 }
 
 /// The environment in our convention, averaged onto the grid that reconstructions use.
-fn environment(path: &Path, convention: Convention) -> Result<Image, Failure> {
-    let image = read_image(path, None).map_err(Failure::bad_input)?;
-    let rgb = |pixel: &[f32]| {
-        if pixel.len() < 3 {
-            [pixel[0]; 3]
-        } else {
-            [pixel[0], pixel[1], pixel[2]]
-        }
-    };
-    let data = image
-        .data
-        .chunks_exact(image.channels)
-        .flat_map(rgb)
-        .collect();
-    let image = Image {
-        channels: 3,
-        data,
-        ..image
-    };
-    let parts = image.height.div_ceil(ENVIRONMENT_ROWS);
-    let rows = ENVIRONMENT_ROWS * parts;
-    let fine = convert(
-        &image,
+fn environment(path: &Path, convention: Option<Convention>) -> Result<Image, Failure> {
+    let options = EnvironmentOptions {
         convention,
-        Convention::Blender,
-        LatLong::new(rows, 2 * rows),
-        Mat3::IDENTITY,
-    );
-    let mut map = Image::filled(2 * ENVIRONMENT_ROWS, ENVIRONMENT_ROWS, 3, 0.0);
-    let share = 1.0 / (parts * parts) as f32;
-    for (index, pixel) in fine.data.chunks_exact(3).enumerate() {
-        let (row, column) = (index / fine.width, index % fine.width);
-        let sum = map.pixel_mut(column / parts, row / parts);
-        (0..3).for_each(|channel| sum[channel] += share * pixel[channel]);
-    }
-    Ok(map)
+        rows: Rows::Exactly(ENVIRONMENT_ROWS),
+        ..Default::default()
+    };
+    let map = read_environment(path, &options).map_err(Failure::bad_input)?;
+    Ok(map.image().clone())
 }
 
 /// Maps stacked one below the other.

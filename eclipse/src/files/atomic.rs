@@ -4,6 +4,9 @@ use std::{fs::File, io, path::Path};
 
 use tempfile::{Builder, NamedTempFile};
 
+/// How the names of files begin that are being written.
+pub(super) const PREFIX: &str = ".writing-";
+
 /// Writes `path` through `write`, whole or not at all.
 ///
 /// # Errors
@@ -21,9 +24,7 @@ pub fn stage(
     path: &Path,
     write: impl FnOnce(&mut File) -> io::Result<()>,
 ) -> io::Result<NamedTempFile> {
-    let mut staged = Builder::new()
-        .prefix(".writing-")
-        .tempfile_in(folder(path))?;
+    let mut staged = Builder::new().prefix(PREFIX).tempfile_in(folder(path))?;
     write(staged.as_file_mut())?;
     staged.as_file().sync_all()?;
     open_to_readers(staged.as_file())?;

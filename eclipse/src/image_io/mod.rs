@@ -3,6 +3,7 @@
 //! Everything read ends as linear [`Image`] values; everything written appears whole or not at all.
 
 mod color;
+mod environment;
 mod openexr;
 mod raster;
 
@@ -16,6 +17,7 @@ use render::image::Image;
 use crate::files::{atomic, read_limited};
 
 pub use color::{ColorEncoding, linear_to_srgb, srgb_to_linear};
+pub use environment::{EnvironmentIoError, EnvironmentOptions, Rows, read_environment};
 pub use openexr::{ExrFile, ExrOptions, Precision, decode_exr, encode_exr};
 pub use raster::{decode_raster, encode_png8};
 

@@ -3,6 +3,7 @@
 use gltf::{
     Accessor,
     accessor::{DataType, Dimensions},
+    buffer::View,
 };
 
 use super::MeshParseError;
@@ -34,7 +35,7 @@ impl Buffers {
     ) -> Result<Vec<[f32; N]>, MeshParseError> {
         let fits = matches!(
             (accessor.dimensions(), N),
-            (Dimensions::Vec2, 2) | (Dimensions::Vec3, 3)
+            (Dimensions::Scalar, 1) | (Dimensions::Vec2, 2) | (Dimensions::Vec3, 3)
         );
         let element = |bytes: &[u8]| {
             let mut values = [0.0; N];
@@ -53,6 +54,15 @@ impl Buffers {
         fits.then(|| elements.map(element).collect::<Option<_>>())
             .flatten()
             .ok_or_else(|| MeshParseError::Syntax("positions, normals or texture coordinates are of another type than the format asks".into()))
+    }
+
+    /// The bytes of a view.
+    pub fn view(&self, view: &View) -> Result<&[u8], MeshParseError> {
+        let end = view.offset().checked_add(view.length());
+        end.and_then(|end| self.0[view.buffer().index()].get(view.offset()..end))
+            .ok_or_else(|| {
+                MeshParseError::Syntax(format!("view {} reaches beyond its buffer", view.index()))
+            })
     }
 
     /// The bytes of each element, checked against the buffer.
@@ -74,13 +84,7 @@ impl Buffers {
                 accessor.index()
             ))
         };
-        let end = view
-            .offset()
-            .checked_add(view.length())
-            .ok_or_else(outside)?;
-        let bytes = self.0[view.buffer().index()]
-            .get(view.offset()..end)
-            .ok_or_else(outside)?;
+        let bytes = self.view(&view)?;
         let bytes = bytes.get(accessor.offset()..).ok_or_else(outside)?;
         let needed = count
             .checked_sub(1)

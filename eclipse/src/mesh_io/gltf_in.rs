@@ -24,6 +24,15 @@ pub fn parse_gltf(
     bytes: &[u8],
     load: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>,
 ) -> Result<Mesh, MeshParseError> {
+    let (document, buffers) = open(bytes, load)?;
+    mesh_of(&document, buffers)
+}
+
+/// The checked document and its buffers.
+pub(super) fn open(
+    bytes: &[u8],
+    load: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>,
+) -> Result<(Document, Buffers), MeshParseError> {
     let (json, blob) = split_glb(bytes)?;
     let mut root = Root::from_slice(json).map_err(|error| syntax(format!("its JSON: {error}")))?;
     // What only concerns looks can be done without.
@@ -50,8 +59,13 @@ pub fn parse_gltf(
         .buffers()
         .map(|buffer| fetch(&buffer, blob, load))
         .collect::<Result<Vec<_>, _>>()?;
+    Ok((document, Buffers(buffers)))
+}
+
+/// The triangles of the default scene.
+pub(super) fn mesh_of(document: &Document, buffers: Buffers) -> Result<Mesh, MeshParseError> {
     let mut reader = Reader {
-        buffers: Buffers(buffers),
+        buffers,
         visited: vec![false; document.nodes().count()],
         raw: RawMesh::default(),
     };
@@ -81,7 +95,7 @@ pub fn parse_gltf(
     raw.finish()
 }
 
-fn syntax(reason: String) -> MeshParseError {
+pub(super) fn syntax(reason: String) -> MeshParseError {
     MeshParseError::Syntax(reason)
 }
 

@@ -6,6 +6,7 @@
 mod gltf_accessor;
 mod gltf_in;
 mod gltf_out;
+mod gltf_surface;
 mod obj;
 mod ply;
 mod ply_header;
@@ -22,6 +23,7 @@ use crate::files::{atomic, read_limited};
 
 pub use gltf_in::{parse_glb, parse_gltf};
 pub use gltf_out::{GlbSurface, GlbTextures, encode_glb};
+pub use gltf_surface::{MeshSurface, SurfaceMaps, parse_surfaced_glb};
 pub use obj::parse_obj;
 pub use ply::parse_ply;
 
@@ -46,6 +48,17 @@ pub fn read_mesh(path: &Path) -> Result<Mesh, MeshIoError> {
         _ => return Err(MeshIoError::Extension { path: path.into() }),
     };
     mesh.map_err(|source| MeshIoError::Parse {
+        path: path.into(),
+        source,
+    })
+}
+
+/// Reads a mesh that [`write_glb`] wrote, together with the material on it.
+///
+/// # Errors
+/// As [`read_mesh`], and a file with another number of primitives than one, or without a material.
+pub fn read_surfaced_glb(path: &Path) -> Result<(Mesh, MeshSurface), MeshIoError> {
+    parse_surfaced_glb(&read(path)?).map_err(|source| MeshIoError::Parse {
         path: path.into(),
         source,
     })
@@ -171,6 +184,9 @@ pub enum MeshParseError {
         /// The first, counted from 0.
         first: usize,
     },
+    /// Nothing says what the surface is like.
+    #[error("has no materials ({0}): name a folder that `eclipse reconstruct` wrote")]
+    NoMaterials(&'static str),
     /// All vertices lie at one point.
     #[error("has no extent: all its vertices lie at one point")]
     NoExtent,

@@ -5,6 +5,7 @@
 mod blender_splits;
 pub mod colmap;
 mod nerfstudio;
+mod stanford_orb;
 
 use std::path::{Path, PathBuf};
 
@@ -36,7 +37,12 @@ struct Format {
 }
 
 /// All formats, the first whose sign a folder has is taken: whoever converted a COLMAP model meant the result.
-const FORMATS: [Format; 3] = [nerfstudio::FORMAT, blender_splits::FORMAT, colmap::FORMAT];
+const FORMATS: [Format; 4] = [
+    nerfstudio::FORMAT,
+    stanford_orb::FORMAT,
+    blender_splits::FORMAT,
+    colmap::FORMAT,
+];
 
 /// Finds and reads what describes the capture in `folder`.
 pub(super) fn read(folder: &Folder) -> Result<Source, CaptureError> {

@@ -1,0 +1,89 @@
+//! Cameras alone, from a `transforms.json` whose photographs need not be there.
+
+use std::path::Path;
+
+use render::camera::Camera;
+
+use super::{
+    CaptureError,
+    paths::Folder,
+    pose::{camera, declared_size, rigid_pose},
+    transforms::{MAX_TRANSFORMS, parse_transforms},
+};
+use crate::{files::read_limited, image_io::read_image};
+
+/// Every camera of the file `path`, in its order and in its own frame, each with its frame's `file_path`.
+///
+/// Sizes are `w` and `h`, else those of the photograph, else `size`; with `size` all cameras are brought to that size.
+///
+/// # Errors
+/// [`CaptureError`] as for a capture; a frame of unknown size, and one whose shape is not that of `size`.
+pub fn read_cameras(
+    path: &Path,
+    size: Option<[usize; 2]>,
+) -> Result<Vec<(String, Camera)>, CaptureError> {
+    let bytes = read_limited(path, MAX_TRANSFORMS).map_err(|source| CaptureError::Read {
+        path: path.into(),
+        source,
+    })?;
+    let transforms = parse_transforms(&bytes, path)?;
+    let parent = path.parent().filter(|folder| *folder != Path::new(""));
+    let folder = Folder::new(parent.unwrap_or(Path::new(".")), false)?;
+    let mut cameras = Vec::with_capacity(transforms.frames.len());
+    for frame in &transforms.frames {
+        let name = &frame.file_path;
+        let intrinsics = frame.intrinsics.or(&transforms.intrinsics);
+        let pose = rigid_pose(name, &frame.transform_matrix)?;
+        let own = match declared_size(name, &intrinsics)? {
+            [Some(width), Some(height)] => [width, height],
+            _ if folder.has_image(name) => {
+                let image = folder.image(name, "file_path", name)?;
+                let image = read_image(&image, None).map_err(|source| CaptureError::Image {
+                    frame: name.clone(),
+                    source,
+                })?;
+                [image.width, image.height]
+            }
+            _ => size.ok_or_else(|| CaptureError::Field {
+                frame: name.clone(),
+                field: "w",
+                problem: "is missing, or `h`, and the photograph is not there to tell; \
+                          add them, or give the size on the command line"
+                    .to_owned(),
+            })?,
+        };
+        let camera = camera(name, &intrinsics, own, pose)?;
+        let camera = match size {
+            None => camera,
+            Some(size) => resized(name, camera, size)?,
+        };
+        cameras.push((name.clone(), camera));
+    }
+    Ok(cameras)
+}
+
+/// The same view with other pixels.
+fn resized(name: &str, camera: Camera, size: [usize; 2]) -> Result<Camera, CaptureError> {
+    let [width, height] = size;
+    let scale = width as f32 / camera.width as f32;
+    if (camera.height as f32 * scale - height as f32).abs() > 1.0 {
+        let (own_width, own_height) = (camera.width, camera.height);
+        return Err(CaptureError::Field {
+            frame: name.to_owned(),
+            field: "w",
+            problem: format!(
+                "and `h` are {own_width} × {own_height}, another shape than the {width} × {height} asked for; \
+                 ask for {width} × {:.0}",
+                own_height as f32 * scale
+            ),
+        });
+    }
+    let scales = [scale, height as f32 / camera.height as f32];
+    Ok(Camera {
+        width,
+        height,
+        focal: [0, 1].map(|axis| camera.focal[axis] * scales[axis]),
+        principal: [0, 1].map(|axis| camera.principal[axis] * scales[axis]),
+        ..camera
+    })
+}

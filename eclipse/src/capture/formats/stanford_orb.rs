@@ -1,0 +1,47 @@
+//! A scene of Stanford-ORB's `blender_HDR` or `blender_LDR`: `transforms_{train,test,novel}.json`, photographs without alpha, and
+//! their masks as `<folder>_mask/<name>.png`.
+
+use std::path::Path;
+
+use super::{Format, Source, nerfstudio::read_file, source};
+use crate::capture::{CaptureError, paths::Folder};
+
+pub(super) const FORMAT: Format = Format {
+    name: "Stanford-ORB",
+    sign: "transforms_train.json with train_mask",
+    read,
+};
+
+fn read(folder: &Folder) -> Option<Result<Source, CaptureError>> {
+    let path = folder.path().join("transforms_train.json");
+    let ours = path.exists() && folder.path().join("train_mask").is_dir();
+    ours.then(|| {
+        let mut transforms = read_file(&path)?;
+        for frame in &mut transforms.frames {
+            let mask = mask_path(&frame.file_path);
+            if frame.mask_path.is_none() && folder.has_image(&mask) {
+                frame.mask_path = Some(mask);
+            }
+        }
+        let mut left_out = 0;
+        for split in ["transforms_test.json", "transforms_novel.json"] {
+            let path = folder.path().join(split);
+            if path.exists() {
+                left_out += read_file(&path)?.frames.len();
+            }
+        }
+        Ok(Source {
+            left_out,
+            ..source(&path, transforms)
+        })
+    })
+}
+
+/// `train/0003` has its mask in `train_mask/0003.png`.
+fn mask_path(file_path: &str) -> String {
+    let path = file_path.replace('\\', "/");
+    let path = Path::new(&path);
+    let folder = path.parent().unwrap_or(Path::new("")).to_string_lossy();
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    format!("{folder}_mask/{stem}.png")
+}

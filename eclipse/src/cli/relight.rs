@@ -1,0 +1,220 @@
+//! `eclipse relight`.
+
+use std::{
+    io::Write,
+    path::{Path, PathBuf},
+    sync::atomic::Ordering,
+};
+
+use clap::Args;
+use render::{camera::Camera, convention::Convention};
+
+use super::{Failure, Outcome, print, stop_on_interrupt};
+use crate::{
+    capture::read_cameras,
+    image_io::{EnvironmentOptions, Rows, read_environment},
+    progress::PictureDisplay,
+    relight::{self, Folder, Object, Orbit, Quality, Record, RelightError, Stage, evenly},
+};
+
+/// Rows that a light's map is averaged to when it has more: a texel is then a sixth of a degree, a third of the sun.
+const MOST_ROWS: usize = 1024;
+/// Pixels across and down, of an orbit for which no size is asked.
+const SIZE: [usize; 2] = [512, 512];
+/// Pictures of an orbit for which no number is asked.
+const ORBIT_FRAMES: u16 = 24;
+
+const EXAMPLES: &str = "Examples:
+  eclipse relight out/mine --environment studio.exr
+  eclipse relight out/mine --environment sunset.hdr --frames 1 --azimuth 30 --exposure 1 --backdrop
+  eclipse relight out/mine --environment out/other/environment.exr --rotate 90 --size 1024x768 --out out/turntable
+  eclipse relight out/mine --environment studio.exr --camera my-capture/transforms.json --frames 4
+
+The pictures are DIR/relit/NNN.exr (linear, RGBA, colours multiplied by the coverage) and NNN.png (sRGB).";
+
+#[derive(Args, Debug)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct RelightArguments {
+    /// Folder that reconstruct wrote.
+    pub folder: PathBuf,
+    /// Light from all directions, an equirectangular EXR, HDR, PNG or JPEG.
+    #[arg(long, value_name = "FILE")]
+    pub environment: PathBuf,
+    /// How the environment is laid out: blender, mitsuba, openexr, threejs or skylibs [default: what the file says, else blender].
+    #[arg(long, value_name = "NAME")]
+    pub convention: Option<Convention>,
+    /// Cameras: `orbit`, a circle around the object, or a transforms.json in the capture's frame.
+    #[arg(long, value_name = "orbit|FILE", default_value = "orbit")]
+    pub camera: PathBuf,
+    /// Pictures: of an orbit [default: 24], or so many of the file's cameras, evenly spread [default: all].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=10_000))]
+    pub frames: Option<u16>,
+    /// Height of the orbit above the horizon, in degrees.
+    #[arg(long, value_name = "DEG", default_value_t = 20.0, allow_negative_numbers = true, value_parser = elevation)]
+    pub elevation: f32,
+    /// Where the orbit begins, in degrees from +x towards +y.
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true, value_parser = degrees)]
+    pub azimuth: f32,
+    /// Distance of the orbit in bounding radii of the object.
+    #[arg(long, value_name = "D", default_value_t = 5.0, value_parser = distance)]
+    pub distance: f32,
+    /// Exposure of the light, in stops.
+    #[arg(long, value_name = "EV", default_value_t = 0.0, allow_negative_numbers = true, value_parser = exposure)]
+    pub exposure: f32,
+    /// Turns the light about the vertical axis, in degrees, counter-clockwise seen from above.
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true, value_parser = degrees)]
+    pub rotate: f32,
+    /// Pixels across and down [default: 512x512, or those of the file's cameras].
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    pub size: Option<[usize; 2]>,
+    /// Light paths a pixel: four times as many, half the noise.
+    #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub samples: u32,
+    /// Shows the environment beside the object.
+    #[arg(long)]
+    pub backdrop: bool,
+    /// Seed of all random numbers.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// Threads; results do not depend on it [default: all].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Folder for the pictures, new or of earlier ones [default: DIR/relit].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+pub(super) fn run(arguments: &RelightArguments, out: &mut dyn Write) -> Result<Outcome, Failure> {
+    let object = Object::read(&arguments.folder).map_err(Failure::bad_input)?;
+    let cameras = arguments.cameras(&object).map_err(Failure::bad_input)?;
+    let options = EnvironmentOptions {
+        convention: arguments.convention,
+        rotate: arguments.rotate,
+        rows: Rows::AtMost(MOST_ROWS),
+    };
+    let environment =
+        read_environment(&arguments.environment, &options).map_err(Failure::bad_input)?;
+    let record = Record {
+        object: arguments.folder.clone(),
+        environment: arguments.environment.clone(),
+        exposure: arguments.exposure,
+        rotate: arguments.rotate,
+        samples: arguments.samples as usize,
+        seed: arguments.seed,
+        cameras: cameras
+            .iter()
+            .map(|camera| relight::pose_rows(camera, object.centre))
+            .collect(),
+    };
+    let stage = Stage::new(object, environment, arguments.exposure).map_err(Failure::bad_input)?;
+    let path = arguments.out();
+    let folder = Folder::prepare(&path, &record).map_err(Failure::failed)?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(arguments.threads.map_or(0, usize::from))
+        .build();
+    let pool = pool.map_err(|error| Failure::failed(format!("cannot start threads: {error}")))?;
+    let stop = stop_on_interrupt()?;
+    let display = PictureDisplay::new(cameras.len());
+    let progress = |index: usize, share: f32| {
+        display.update(index, share);
+        !stop.load(Ordering::Relaxed)
+    };
+    let quality = arguments.quality();
+    let done = pool.install(|| relight::relight(&stage, &cameras, &quality, &folder, &progress));
+    display.finish();
+    match done {
+        Err(error @ RelightError::Stopped) => Err(Failure {
+            outcome: Outcome::Interrupted,
+            message: error.to_string(),
+        }),
+        done => {
+            done.map_err(Failure::failed)?;
+            let count = cameras.len();
+            print(
+                out,
+                &format!("wrote {count} pictures to {}\n", path.display()),
+            )?;
+            Ok(Outcome::Done)
+        }
+    }
+}
+
+impl RelightArguments {
+    fn cameras(&self, object: &Object) -> Result<Vec<Camera>, RelightError> {
+        if self.camera != Path::new("orbit") {
+            let cameras = read_cameras(&self.camera, self.size)?;
+            let cameras = cameras.into_iter().map(|(_, camera)| camera).collect();
+            let chosen = evenly(cameras, self.frames.map(usize::from));
+            return relight::recentred(object, chosen);
+        }
+        let orbit = Orbit {
+            frames: usize::from(self.frames.unwrap_or(ORBIT_FRAMES)),
+            size: self.size.unwrap_or(SIZE),
+            elevation: self.elevation,
+            azimuth: self.azimuth,
+            distance: self.distance,
+        };
+        Ok(orbit.cameras(object.mesh.bounding_radius()))
+    }
+
+    fn quality(&self) -> Quality {
+        Quality {
+            samples: self.samples as usize,
+            seed: self.seed,
+            backdrop: self.backdrop,
+        }
+    }
+
+    fn out(&self) -> PathBuf {
+        self.out
+            .clone()
+            .unwrap_or_else(|| self.folder.join("relit"))
+    }
+}
+
+fn size(text: &str) -> Result<[usize; 2], String> {
+    let side = |text: &str| text.parse().ok().filter(|side| (1..=8192).contains(side));
+    let sides = text.split_once(['x', 'X', '×']);
+    sides
+        .and_then(|(width, height)| Some([side(width)?, side(height)?]))
+        .ok_or_else(|| {
+            format!("`{text}` is not a size; write for example 800x600, each from 1 to 8192")
+        })
+}
+
+fn number(text: &str, least: f32, most: f32) -> Result<f32, String> {
+    let value = text
+        .parse()
+        .ok()
+        .filter(|value| (least..=most).contains(value));
+    value.ok_or_else(|| format!("`{text}` is not a number between {least} and {most}"))
+}
+
+fn elevation(text: &str) -> Result<f32, String> {
+    number(text, -90.0, 90.0)
+}
+
+fn degrees(text: &str) -> Result<f32, String> {
+    number(text, -360.0, 360.0)
+}
+
+fn exposure(text: &str) -> Result<f32, String> {
+    number(text, -30.0, 30.0)
+}
+
+fn distance(text: &str) -> Result<f32, String> {
+    number(text, 1.2, 1000.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes() {
+        assert_eq!(size("800x600"), Ok([800, 600]));
+        for text in ["", "800", "x600", "0x600", "800x600x3", "9000x1", "-1x2"] {
+            assert!(size(text).is_err(), "{text}");
+        }
+    }
+}

@@ -1,0 +1,146 @@
+//! One writer a folder: two runs that write to one place would mix their results.
+
+use std::{
+    fs::{self, File, OpenOptions, TryLockError},
+    io::{self, Read, Seek, Write},
+    path::{Path, PathBuf},
+};
+
+use super::atomic::PREFIX;
+use crate::layout::{MATERIALS, OCCLUDERS, RENDERS};
+
+/// The file that is locked. It stays: only the lock on it means anything, and the system gives that back however a run ends.
+const NAME: &str = ".lock";
+
+/// The right to write to a folder, until it is dropped.
+#[derive(Debug)]
+pub struct Lock {
+    _file: File,
+}
+
+impl Lock {
+    /// Takes the folder, which must be there; what a run left half-written when it was killed is removed.
+    ///
+    /// On a file system that knows no locks there is none, and no harm in it for whoever runs one at a time.
+    ///
+    /// # Errors
+    /// [`LockError::Held`] when another run has it.
+    pub fn acquire(folder: &Path) -> Result<Self, LockError> {
+        let path = folder.join(NAME);
+        let failed = |source| LockError::Io {
+            path: path.clone(),
+            source,
+        };
+        let options = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .open(&path);
+        let mut file = options.map_err(failed)?;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                let mut owner = String::new();
+                // Whose lock it is only helps to find them.
+                let _ = file.take(20).read_to_string(&mut owner);
+                return Err(LockError::Held {
+                    folder: folder.to_owned(),
+                    owner: owner.trim().parse().ok(),
+                });
+            }
+            Err(TryLockError::Error(error)) if error.kind() == io::ErrorKind::Unsupported => {}
+            Err(TryLockError::Error(error)) => return Err(failed(error)),
+        }
+        let owner = format!("{}\n", std::process::id());
+        let named = file.set_len(0).and_then(|()| {
+            file.rewind()?;
+            file.write_all(owner.as_bytes())
+        });
+        named.map_err(failed)?;
+        sweep(folder).map_err(failed)?;
+        Ok(Self { _file: file })
+    }
+}
+
+/// Removes files that were being written, here and in the folders of a run's images.
+///
+/// Other folders may have a writer of their own.
+fn sweep(folder: &Path) -> io::Result<()> {
+    let inner = [OCCLUDERS, MATERIALS, RENDERS].map(|name| folder.join(name));
+    for folder in [folder.to_owned()].into_iter().chain(inner) {
+        let entries = match fs::read_dir(&folder) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
+            entries => entries?,
+        };
+        for entry in entries {
+            let entry = entry?;
+            let written = entry.file_name().to_string_lossy().starts_with(PREFIX);
+            if written && entry.file_type()?.is_file() {
+                fs::remove_file(entry.path())?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Why a folder could not be taken.
+#[derive(Debug, thiserror::Error)]
+pub enum LockError {
+    /// Another run writes to it.
+    #[error(
+        "{} is being written by another run{}; wait for it to end, or choose another folder with --out",
+        folder.display(),
+        owner.map_or(String::new(), |id| format!(" (process {id})"))
+    )]
+    Held {
+        /// The folder.
+        folder: PathBuf,
+        /// The process that has it, where it could be read.
+        owner: Option<u32>,
+    },
+    /// The file system refused.
+    #[error("cannot take {}: {source}; choose another folder with --out", path.display())]
+    Io {
+        /// The file that is locked.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_has_one_writer_and_is_free_again_after_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let held = Lock::acquire(folder.path()).unwrap();
+        let error = Lock::acquire(folder.path()).unwrap_err().to_string();
+        let own = format!("(process {})", std::process::id());
+        assert!(
+            error.contains("another run") && error.contains(&own),
+            "{error}"
+        );
+        drop(held);
+        Lock::acquire(folder.path()).unwrap();
+    }
+
+    #[test]
+    fn what_was_half_written_is_swept_away_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let inner = folder.path().join("renders");
+        fs::create_dir(&inner).unwrap();
+        for path in [
+            folder.path().join(".writing-a"),
+            inner.join(".writing-b"),
+            inner.join("000.exr"),
+        ] {
+            fs::write(path, "x").unwrap();
+        }
+        Lock::acquire(folder.path()).unwrap();
+        assert!(!folder.path().join(".writing-a").exists() && !inner.join(".writing-b").exists());
+        assert!(inner.join("000.exr").exists());
+    }
+}

@@ -1,0 +1,233 @@
+//! Environment maps of any program, brought to our convention.
+
+use std::path::Path;
+
+use glam::Mat3;
+use render::{
+    convention::{Convention, convert},
+    environment::{EnvironmentError, EnvironmentMap},
+    image::Image,
+    lat_long::LatLong,
+};
+
+use super::{ImageIoError, decode_exr, openexr::MAGIC, read_bytes, read_image};
+use crate::layout::CONVENTION;
+
+/// How an environment map is read.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct EnvironmentOptions {
+    /// How the file is laid out, in place of what it says itself; Blender's layout where neither says.
+    pub convention: Option<Convention>,
+    /// Turns the light about the vertical axis, in degrees, counter-clockwise seen from above.
+    pub rotate: f32,
+    /// The grid that it is brought to.
+    pub rows: Rows,
+}
+
+/// How many rows a map is read with; where it is not its own number, columns are twice as many.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Rows {
+    /// As many as the file has.
+    #[default]
+    Own,
+    /// Its own unless they are more.
+    AtMost(usize),
+    /// This many, averaged over equal parts of the sphere's grid.
+    Exactly(usize),
+}
+
+/// Reads an equirectangular map as RGB radiance in the convention of [`LatLong`].
+///
+/// EXR files that we wrote name their convention, which is followed; a grey map is repeated in all channels.
+///
+/// # Errors
+/// [`EnvironmentIoError`] names the file and what is wrong with it.
+pub fn read_environment(
+    path: &Path,
+    options: &EnvironmentOptions,
+) -> Result<EnvironmentMap, EnvironmentIoError> {
+    let (image, named) = read(path)?;
+    let named = named.map(|name| {
+        name.parse()
+            .map_err(|problem| EnvironmentIoError::Convention {
+                path: path.into(),
+                problem,
+            })
+    });
+    let convention = match (options.convention, named) {
+        (Some(convention), _) => convention,
+        (None, named) => named.transpose()?.unwrap_or(Convention::Blender),
+    };
+    let image = rgb(&image);
+    // Checked before light is mixed: one bad texel would spread, and its place would be lost.
+    let checked = |image| {
+        EnvironmentMap::new(image).map_err(|source| EnvironmentIoError::Light {
+            path: path.into(),
+            source,
+        })
+    };
+    let map = checked(image)?;
+    let (own, parts) = (map.grid(), options.rows.parts(map.grid().rows));
+    let fine = parts.map_or(own, |(rows, parts)| {
+        LatLong::new(rows * parts, 2 * rows * parts)
+    });
+    if convention == Convention::Blender && options.rotate == 0.0 && fine == own && parts.is_none()
+    {
+        return Ok(map);
+    }
+    let turn = Mat3::from_rotation_z(options.rotate.to_radians());
+    let fine = convert(map.image(), convention, Convention::Blender, fine, turn);
+    checked(parts.map_or_else(|| fine.clone(), |(_, parts)| mean_of_blocks(&fine, parts)))
+}
+
+impl Rows {
+    /// Rows to average to, each over how many; `None` to leave a map of `own` rows as it is.
+    fn parts(self, own: usize) -> Option<(usize, usize)> {
+        let rows = match self {
+            Self::Exactly(rows) => rows,
+            Self::AtMost(rows) if own > rows => rows,
+            Self::Own | Self::AtMost(_) => return None,
+        };
+        Some((rows, own.div_ceil(rows.max(1))))
+    }
+}
+
+/// The image and the convention that it names.
+fn read(path: &Path) -> Result<(Image, Option<String>), ImageIoError> {
+    let bytes = read_bytes(path)?;
+    if !bytes.starts_with(&MAGIC) {
+        return Ok((read_image(path, None)?, None));
+    }
+    let mut file = decode_exr(&bytes, path)?;
+    let named = file.metadata.remove(CONVENTION);
+    Ok((file.color_image(path)?, named))
+}
+
+/// Three channels: alpha is dropped, grey repeated.
+fn rgb(image: &Image) -> Image {
+    let rgb = |pixel: &[f32]| match *pixel {
+        [r, g, b, ..] => [r, g, b],
+        _ => [pixel[0]; 3],
+    };
+    let data = image
+        .data
+        .chunks_exact(image.channels)
+        .flat_map(rgb)
+        .collect();
+    Image {
+        channels: 3,
+        data,
+        ..*image
+    }
+}
+
+/// The mean over blocks of `parts` × `parts` pixels, which must fill the image.
+fn mean_of_blocks(image: &Image, parts: usize) -> Image {
+    let (width, height) = (image.width / parts, image.height / parts);
+    let mut mean = Image::filled(width, height, image.channels, 0.0);
+    let share = 1.0 / (parts * parts) as f32;
+    for y in 0..height * parts {
+        for x in 0..width * parts {
+            let pixel = image.pixel(x, y);
+            let sum = mean.pixel_mut(x / parts, y / parts);
+            for (sum, value) in sum.iter_mut().zip(pixel) {
+                *sum += share * value;
+            }
+        }
+    }
+    mean
+}
+
+/// Why an environment map could not be read.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum EnvironmentIoError {
+    /// The image cannot be read.
+    #[error(transparent)]
+    Image(#[from] ImageIoError),
+    /// The file names a convention that is not known.
+    #[error("{}: its attribute `{CONVENTION}`: {problem}; or name the layout with --convention", path.display())]
+    Convention {
+        /// The file.
+        path: std::path::PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+    /// The image is no light.
+    #[error("{}: {source}", path.display())]
+    Light {
+        /// The file.
+        path: std::path::PathBuf,
+        /// What is wrong.
+        source: EnvironmentError,
+    },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ramp(width: usize, height: usize) -> Image {
+        let value = |i: usize| (i * i % 13) as f32;
+        Image {
+            width,
+            height,
+            channels: 3,
+            data: (0..width * height * 3).map(value).collect(),
+        }
+    }
+
+    #[test]
+    fn averaging_keeps_the_sum_and_the_place() {
+        let map = ramp(8, 4);
+        let mean = mean_of_blocks(&map, 2);
+        assert_eq!((mean.width, mean.height), (4, 2));
+        let sum = |image: &Image| image.data.iter().sum::<f32>();
+        assert!((sum(&map) / 4.0 - sum(&mean)).abs() < 1e-3);
+        let first: f32 = [(0, 0), (1, 0), (0, 1), (1, 1)]
+            .map(|(x, y)| map.pixel(x, y)[0])
+            .iter()
+            .sum();
+        assert!((mean.pixel(0, 0)[0] - first / 4.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn rows_are_kept_limited_or_set() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("map.exr");
+        super::super::write_exr(&path, &ramp(14, 7), &["R", "G", "B"]).unwrap();
+        for (rows, expected) in [
+            (Rows::Own, [14, 7]),
+            (Rows::AtMost(7), [14, 7]),
+            (Rows::AtMost(4), [8, 4]),
+            (Rows::Exactly(9), [18, 9]),
+        ] {
+            let options = EnvironmentOptions {
+                rows,
+                ..Default::default()
+            };
+            let map = read_environment(&path, &options).unwrap();
+            assert_eq!([map.image().width, map.image().height], expected);
+        }
+    }
+
+    #[test]
+    fn a_turn_moves_the_light_counter_clockwise() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("map.exr");
+        let grid = LatLong::new(8, 16);
+        let mut map = Image::filled(16, 8, 3, 0.0);
+        // A lamp at +x; a quarter turn brings it to +y.
+        for texel in grid.bilinear(glam::Vec3::X).index {
+            map.data[3 * texel as usize..][..3].fill(1.0);
+        }
+        super::super::write_exr(&path, &map, &["R", "G", "B"]).unwrap();
+        let options = EnvironmentOptions {
+            rotate: 90.0,
+            ..Default::default()
+        };
+        let turned = read_environment(&path, &options).unwrap();
+        assert!(turned.radiance(glam::Vec3::Y)[0] > 0.99);
+        assert!(turned.radiance(glam::Vec3::X)[0] < 0.01);
+    }
+}

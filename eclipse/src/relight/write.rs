@@ -1,0 +1,136 @@
+//! Where pictures go: numbered EXR and PNG files in a folder of their own.
+
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+use render::image::Image;
+use serde::Serialize;
+
+use super::RelightError;
+use crate::{
+    files::{atomic, claim, lock::Lock},
+    image_io::{ExrOptions, Precision, linear_to_srgb, write_exr_with, write_png8},
+    layout::numbered,
+};
+
+/// What tells a folder of pictures from others, and how they were made.
+const RECORD: &str = "relight.json";
+
+/// How pictures were made, written beside them.
+#[derive(Clone, Debug, Serialize)]
+pub struct Record {
+    /// The folder of the reconstruction.
+    pub object: PathBuf,
+    /// The light's file.
+    pub environment: PathBuf,
+    /// Stops of exposure.
+    pub exposure: f32,
+    /// Degrees by which the light was turned.
+    pub rotate: f32,
+    /// Paths a pixel.
+    pub samples: usize,
+    /// Seed of the random numbers.
+    pub seed: u64,
+    /// Camera to world of each picture, rows of 4 × 4, in the object's own frame.
+    pub cameras: Vec<[[f32; 4]; 4]>,
+}
+
+/// A folder that holds pictures and nothing else.
+pub struct Folder {
+    path: PathBuf,
+    _lock: Lock,
+}
+
+impl Folder {
+    /// Makes the folder, or takes one of earlier pictures, of which those are removed that no new one will replace.
+    ///
+    /// # Errors
+    /// [`RelightError::Occupied`] when it holds anything else, so that nobody's photographs are written over.
+    pub fn prepare(path: &Path, record: &Record) -> Result<Self, RelightError> {
+        let failed = |source| RelightError::write(path, source);
+        if !claim(path, RECORD).map_err(failed)? {
+            return Err(RelightError::Occupied { path: path.into() });
+        }
+        let lock = Lock::acquire(path)?;
+        let mut stale = Vec::new();
+        for entry in fs::read_dir(path).map_err(failed)? {
+            let entry = entry.map_err(failed)?.path();
+            if number(&entry).is_some_and(|number| number >= record.cameras.len()) {
+                stale.push(entry);
+            }
+        }
+        for path in stale {
+            fs::remove_file(&path).map_err(|source| RelightError::write(&path, source))?;
+        }
+        let text = serde_json::to_vec_pretty(record).map_err(|error| failed(error.into()))?;
+        let written = atomic::write(&path.join(RECORD), |file| {
+            io::Write::write_all(file, &[&text[..], b"\n"].concat())
+        });
+        written.map_err(failed)?;
+        Ok(Self {
+            path: path.into(),
+            _lock: lock,
+        })
+    }
+
+    /// Writes picture `index`: EXR as it is, and PNG with the sRGB curve, its colours not multiplied by the coverage.
+    ///
+    /// # Errors
+    /// A file that cannot be written; it is whole or not there.
+    pub fn picture(&self, index: usize, picture: &Image) -> Result<(), RelightError> {
+        let name = self.path.join(numbered(index));
+        let options = ExrOptions {
+            precision: Precision::Float,
+            ..Default::default()
+        };
+        write_exr_with(&name, picture, &["R", "G", "B", "A"], &options)?;
+        write_png8(&name.with_extension("png"), &shown(picture))?;
+        Ok(())
+    }
+}
+
+/// The number of a picture of ours.
+fn number(path: &Path) -> Option<usize> {
+    let ours = path
+        .extension()
+        .is_some_and(|extension| extension == "exr" || extension == "png");
+    ours.then(|| path.file_stem()?.to_str()?.parse().ok())
+        .flatten()
+}
+
+/// As PNG files hold pictures: colours of their own, and the share of the pixel that has them.
+fn shown(picture: &Image) -> Image {
+    let encoded = picture.data.chunks_exact(4).flat_map(|pixel| {
+        let alpha = pixel[3];
+        let color = |value: f32| {
+            let straight = if alpha > 0.0 { value / alpha } else { 0.0 };
+            linear_to_srgb(straight)
+        };
+        [color(pixel[0]), color(pixel[1]), color(pixel[2]), alpha]
+    });
+    Image {
+        data: encoded.collect(),
+        ..*picture
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_covered_pixels_keep_their_colour_in_png() {
+        let picture = Image {
+            width: 2,
+            height: 1,
+            channels: 4,
+            data: vec![0.25, 0.25, 0.25, 0.5, 0.0, 0.0, 0.0, 0.0],
+        };
+        let shown = shown(&picture);
+        assert_eq!(shown.data[3], 0.5);
+        assert!((shown.data[0] - linear_to_srgb(0.5)).abs() < 1e-6);
+        assert_eq!(shown.data[4..], [0.0; 4]);
+    }
+}

@@ -1,0 +1,252 @@
+//! Whatever ends a run, what it had done is there, and the end is the same bit for bit.
+#![cfg(unix)]
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::{Child, Command, Output, Stdio},
+    sync::OnceLock,
+    time::{Duration, Instant},
+};
+
+use eclipse::{
+    files::lock::Lock,
+    synthesize::{self, Occluders, Pattern, Scene, Shooting},
+};
+use eclipse_tests::{
+    program::{stderr, text},
+    scenes,
+    small_capture::boxes,
+};
+use render::{bsdf::Model, lat_long::LatLong};
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_eclipse-under-test");
+
+/// Steps of a whole run.
+const STEPS: &str = "5";
+
+/// A capture that is reconstructed in a moment, made once.
+fn capture() -> &'static Path {
+    static FOLDER: OnceLock<(tempfile::TempDir, PathBuf)> = OnceLock::new();
+    let (_, path) = FOLDER.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("capture");
+        let scene = Scene {
+            mesh: boxes(),
+            environment: scenes::interior(LatLong::new(50, 100)).image().clone(),
+            model: Model::Lambertian,
+            albedo: Pattern {
+                mean: [0.5; 3],
+                variation: 0.2,
+            },
+            alpha: 0.5,
+            kappa: 0.0,
+            occluders: Occluders::Operator,
+        };
+        let shooting = Shooting {
+            frames: 8,
+            resolution: 24,
+            distance: 4.0,
+            noise: 0.002,
+            seed: 1,
+        };
+        let made = synthesize::synthesize(&scene, &shooting, |_| true).unwrap();
+        synthesize::write(&path, &scene, &made).unwrap();
+        (folder, path)
+    });
+    path
+}
+
+/// A short run into `out`, which goes on from a checkpoint where there is one.
+fn reconstruct(out: &Path) -> Command {
+    run_of(STEPS, out)
+}
+
+fn run_of(steps: &str, out: &Path) -> Command {
+    let mut command = Command::new(PROGRAM);
+    command.args(["reconstruct", text(capture()), "--lambertian", "--json"]);
+    command.args(["--iterations", steps, "--threads", "2", "--out", text(out)]);
+    let begun = ["checkpoint.bin", "checkpoint.prev.bin"]
+        .iter()
+        .any(|name| out.join(name).is_file());
+    if begun {
+        command.arg("--resume");
+    }
+    command.stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+fn finish(out: &Path) {
+    let output = reconstruct(out).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+}
+
+/// The run that nothing disturbed, made once, and how long it took.
+fn undisturbed() -> &'static (tempfile::TempDir, Duration) {
+    static RUN: OnceLock<(tempfile::TempDir, Duration)> = OnceLock::new();
+    RUN.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        capture();
+        let began = Instant::now();
+        finish(folder.path());
+        (folder, began.elapsed())
+    })
+}
+
+/// All files below `folder` by their path.
+fn files(folder: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            let inner = files(&path);
+            let name = PathBuf::from(path.file_name().unwrap());
+            found.extend(inner.into_iter().map(|path| name.join(path)));
+        } else {
+            found.push(path.file_name().unwrap().into());
+        }
+    }
+    found.sort();
+    found
+}
+
+/// Every file is there, none is half-written, and all that does not tell the time is the same.
+fn assert_like_undisturbed(out: &Path) {
+    let whole = undisturbed().0.path();
+    assert_eq!(files(out).len(), files(whole).len(), "{:?}", files(out));
+    let mut compared = 0;
+    for path in files(whole) {
+        let timeless = path
+            .extension()
+            .is_some_and(|extension| extension == "exr" || extension == "glb");
+        if timeless {
+            let same = fs::read(whole.join(&path)).unwrap() == fs::read(out.join(&path)).unwrap();
+            assert!(same, "{} differs", path.display());
+            compared += 1;
+        }
+    }
+    assert!(compared > 3 * 8, "only {compared} files");
+}
+
+/// Ends a process as the system does when memory runs out: no handler hears of it.
+fn kill(mut child: Child) {
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
+#[test]
+fn a_run_killed_at_any_moments_ends_like_one_that_never_was() {
+    let (_, took) = undisturbed();
+    // Places between the start and the end, the same in every run of this test.
+    let mut place = 0.37f64;
+    for round in 0..3 {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("out");
+        let mut killed = 0;
+        for _ in 0..3 {
+            place = (place + 0.618_034).fract();
+            let mut child = reconstruct(&out).spawn().unwrap();
+            std::thread::sleep(took.mul_f64(place));
+            // A run that was quicker than the last ended well; that is no reason to fail.
+            if child.try_wait().unwrap().is_none() {
+                kill(child);
+                killed += 1;
+            }
+        }
+        assert!(killed > 0, "no run was killed in round {round}");
+        finish(&out);
+        assert_like_undisturbed(&out);
+    }
+}
+
+#[test]
+fn a_damaged_checkpoint_falls_back_to_the_one_before_it() {
+    undisturbed();
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path();
+    // A run with fewer steps leaves the state after the third and the second.
+    let short = run_of("3", out).output().unwrap();
+    assert_eq!(short.status.code(), Some(0), "{}", stderr(&short));
+    let latest = out.join("checkpoint.bin");
+    let bytes = fs::read(&latest).unwrap();
+    fs::write(&latest, &bytes[..bytes.len() * 2 / 3]).unwrap();
+    finish(out);
+    assert_like_undisturbed(out);
+
+    // When both are damaged, a run says so and touches nothing.
+    for name in ["checkpoint.bin", "checkpoint.prev.bin"] {
+        let bytes = fs::read(out.join(name)).unwrap();
+        fs::write(out.join(name), &bytes[..bytes.len() / 2]).unwrap();
+    }
+    let before = fs::read(out.join("environment.exr")).unwrap();
+    let output = reconstruct(out).output().unwrap();
+    let message = stderr(&output);
+    assert_eq!(output.status.code(), Some(3), "{message}");
+    assert!(
+        message.contains("start again without --resume"),
+        "{message}"
+    );
+    assert_eq!(message.lines().count(), 1, "{message}");
+    assert_eq!(fs::read(out.join("environment.exr")).unwrap(), before);
+}
+
+#[test]
+fn two_runs_do_not_write_to_one_folder() {
+    undisturbed();
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    // The first run, as soon as it has the folder, and while it is at work.
+    let first = Command::new(PROGRAM)
+        .args(["reconstruct", text(capture()), "--lambertian", "--json"])
+        .args(["--time-limit", "10m", "--out", text(&out)])
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let began = Instant::now();
+    let owned = || fs::read_to_string(out.join(".lock")).is_ok_and(|owner| !owner.is_empty());
+    while !owned() && began.elapsed() < Duration::from_secs(60) {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let second = reconstruct(&out).output().unwrap();
+    let expected = format!("is being written by another run (process {})", first.id());
+    kill(first);
+    let message = stderr(&second);
+    assert_eq!(second.status.code(), Some(1), "{message}");
+    assert!(message.contains(&expected), "{message}");
+    assert!(
+        message.contains("choose another folder with --out"),
+        "{message}"
+    );
+    assert_eq!(message.lines().count(), 1, "{message}");
+    // A killed run holds nothing.
+    drop(Lock::acquire(&out).unwrap());
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_folder_that_cannot_be_written_is_named_by_every_command_that_writes() {
+    // Nobody may make folders there, not even root, whom permissions do not stop.
+    let nowhere = "/sys/kernel/eclipse-out";
+    let whole = undisturbed().0.path();
+    let environment = whole.join("environment.exr");
+    let commands: [&[&str]; 3] = [
+        &["reconstruct", text(capture()), "--out", nowhere],
+        &[
+            "relight",
+            text(whole),
+            "--environment",
+            text(&environment),
+            "--out",
+            nowhere,
+        ],
+        &["export", text(whole), "--for", "blender", "--out", nowhere],
+    ];
+    for arguments in commands {
+        let output: Output = Command::new(PROGRAM).args(arguments).output().unwrap();
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{message}");
+        assert!(message.contains(nowhere), "{message}");
+        assert_eq!(message.trim_end().lines().count(), 1, "{message}");
+    }
+}
