@@ -7,6 +7,7 @@ mod evaluate;
 mod inspect;
 mod man;
 mod reconstruct;
+mod studies;
 mod study;
 mod synthesize;
 mod units;

@@ -62,4 +62,5 @@ pub mod reconstruct;
 pub mod reconstruction;
 pub mod report;
 pub mod settings;
+pub mod studies;
 pub mod synthesize;
