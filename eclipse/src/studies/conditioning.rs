@@ -7,7 +7,7 @@ use render::sampler::SampleKey;
 use serde_json::json;
 
 use super::{
-    Evidence, Scale, Study, StudyError, Verdict,
+    Bench, Evidence, Study, StudyError, Verdict,
     evidence::{Axis, Chart, Content, Figure, Series},
     flatland::{Flatland, Occluder, spread},
     spectrum::singular_values,
@@ -32,7 +32,7 @@ impl Study for Conditioning {
     }
 
     // The paper's own numbers take seconds: there is nothing to reduce.
-    fn run(&self, _scale: Scale) -> Result<Evidence, StudyError> {
+    fn run(&self, _bench: &Bench<'_>) -> Result<Evidence, StudyError> {
         evidence(Flatland::PAPER)
     }
 }

@@ -1,7 +1,7 @@
 //! Charts as SVG.
 
 use plotters::{
-    coord::ranged1d::ValueFormatter,
+    coord::ranged1d::{AsRangedCoord, ValueFormatter},
     prelude::*,
     style::text_anchor::{HPos, Pos, VPos},
 };
@@ -74,7 +74,7 @@ where
         .build_cartesian_2d(x, y)
         .map_err(|e| e.to_string())?;
     let small = ("sans-serif", 13).into_font().color(&INK);
-    let label = |value: &f64| number(*value);
+    let label = |value: &f64| number(*value).replace(".00e", "e");
     context
         .configure_mesh()
         .light_line_style(TRANSPARENT)

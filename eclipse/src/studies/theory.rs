@@ -7,7 +7,7 @@ use render::{image::Image, sampler::SampleKey};
 use serde_json::{Map, Value, json};
 
 use super::{
-    Evidence, Scale, Study, StudyError, Verdict,
+    Bench, Evidence, Study, StudyError, Verdict,
     evidence::{Axis, Chart, Content, Figure, Picture, Series, Tone},
     flatland::{Flatland, spread},
     spectrum::{fourier, magnitude, wave_row},
@@ -35,7 +35,7 @@ impl Study for Theory {
         "theory"
     }
 
-    fn run(&self, _scale: Scale) -> Result<Evidence, StudyError> {
+    fn run(&self, _bench: &Bench<'_>) -> Result<Evidence, StudyError> {
         Ok(evidence())
     }
 }
