@@ -9,6 +9,7 @@ mod inspect;
 mod man;
 mod reconstruct;
 mod relight;
+mod studies;
 mod study;
 mod synthesize;
 mod units;

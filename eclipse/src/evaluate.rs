@@ -8,7 +8,7 @@ pub mod occluders;
 mod read;
 pub mod stanford_orb;
 
-pub use read::estimate;
+pub use read::{estimate, truth};
 
 use std::path::{Path, PathBuf};
 
@@ -88,7 +88,14 @@ pub struct OccluderScore {
 /// A file of `folder` that is missing or unreadable, or whose size does not fit the truth. Absent truth is no error.
 pub fn evaluate(folder: &Path, truth: &Path) -> Result<Evaluation, EvaluateError> {
     let estimate = read::estimate(folder)?;
-    let truth = read::truth(truth)?;
+    score(&estimate, &read::truth(truth)?)
+}
+
+/// Compares what is in memory.
+///
+/// # Errors
+/// Counts or sizes that do not fit the truth. Absent truth is no error.
+pub fn score(estimate: &Estimate, truth: &Truth) -> Result<Evaluation, EvaluateError> {
     let mut evaluation = Evaluation {
         photometric: estimate.metrics.photometric,
         ..Default::default()
@@ -166,7 +173,7 @@ pub enum EvaluateError {
     },
 }
 
-/// What [`evaluate`] reads from a run's folder; kept here so that its parts stay plain functions of images.
+/// What is compared: read from a run's folder, or fresh from the solver. Its parts are plain images.
 pub struct Estimate {
     /// Linear radiance.
     pub environment: render::image::Image,
@@ -178,11 +185,15 @@ pub struct Estimate {
     pub metrics: Metrics,
 }
 
-/// What it reads from a truth folder, each part where there is one.
-#[derive(Default)]
-struct Truth {
-    environment: Option<render::image::Image>,
-    occluders: Option<Vec<render::image::Image>>,
-    albedo: Vec<materials::TrueAlbedo>,
-    specular: Option<materials::Specular>,
+/// The truth of a capture, each part where there is one.
+#[derive(Clone, Debug, Default)]
+pub struct Truth {
+    /// Linear radiance.
+    pub environment: Option<render::image::Image>,
+    /// Transmittance of each frame's occluder; none where nobody stood in the light.
+    pub occluders: Option<Vec<render::image::Image>>,
+    /// Albedo through each camera.
+    pub albedo: Vec<materials::TrueAlbedo>,
+    /// The specular lobe; none for matt materials.
+    pub specular: Option<materials::Specular>,
 }

@@ -65,4 +65,5 @@ pub mod reconstruction;
 pub mod relight;
 pub mod report;
 pub mod settings;
+pub mod studies;
 pub mod synthesize;

@@ -7,6 +7,9 @@ pub(crate) mod text;
 
 use crate::{capture::Capture, image_io::ImageIoError, reconstruction::Reconstruction};
 
+/// The look of every page of the house.
+pub(crate) const STYLE: &str = include_str!("report/style.css");
+
 /// What the page says beyond the reconstruction itself.
 #[derive(Clone, Debug, Default)]
 pub struct ReportOptions {
@@ -53,7 +56,7 @@ pub fn html(
          </head>\n<body>\n{body}<footer>Written by eclipse {version}. Radiance is linear and scene-referred; light and \
          albedo share one unknown scale per channel.</footer>\n\
          <script type=\"application/json\" id=\"data\">{data}</script>\n<script>\n{script}</script>\n</body>\n</html>\n",
-        style = include_str!("report/style.css"),
+        style = STYLE,
         script = include_str!("report/script.js"),
         body = body.concat(),
         version = env!("CARGO_PKG_VERSION"),

@@ -30,7 +30,7 @@ pub(super) enum Command {
     Evaluate(EvaluateArguments),
     /// Tells where a capture differs from its simulation, which physics was left out, and how much better it explains.
     Diagnose(DiagnoseArguments),
-    /// Repeats a command over many captures and scores it.
+    /// Repeats an experiment of the paper, or scores a command over many captures.
     Study(StudyArguments),
     /// Renders a capture, with its truth, from a mesh, a material, an environment and occluders.
     Synthesize(SynthesizeArguments),

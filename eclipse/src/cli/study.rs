@@ -9,7 +9,11 @@ use std::{
 use clap::{Args, Subcommand};
 use serde::Deserialize;
 
-use super::{Failure, Outcome, diagnose, print, stop_on_interrupt, units};
+use super::{
+    Failure, Outcome, diagnose, print, stop_on_interrupt,
+    studies::{self, PaperStudy},
+    units,
+};
 use crate::{
     criticism::{
         self,
@@ -33,6 +37,8 @@ pub(super) struct StudyArguments {
 pub(super) enum StudyCommand {
     /// Diagnoses every capture of a folder and scores the verdicts against labels.
     Mismatch(MismatchArguments),
+    #[command(flatten)]
+    Paper(PaperStudy),
 }
 
 #[derive(Args, Debug)]
@@ -72,7 +78,10 @@ pub(super) fn run(
     out: &mut dyn Write,
     err: &mut dyn Write,
 ) -> Result<Outcome, Failure> {
-    let StudyCommand::Mismatch(arguments) = &arguments.command;
+    let arguments = match &arguments.command {
+        StudyCommand::Mismatch(arguments) => arguments,
+        StudyCommand::Paper(study) => return studies::run(study, out, err),
+    };
     let bytes = read_limited(&arguments.labels, MAX_LABELS).map_err(|error| {
         Failure::bad_input(format!(
             "cannot read the labels {}: {error}",

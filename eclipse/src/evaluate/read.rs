@@ -49,7 +49,10 @@ pub fn estimate(folder: &Path) -> Result<Estimate, EvaluateError> {
 }
 
 /// Reads a capture's truth, whatever there is of it.
-pub(super) fn truth(folder: &Path) -> Result<Truth, EvaluateError> {
+///
+/// # Errors
+/// A file that cannot be read, or a folder without any truth.
+pub fn truth(folder: &Path) -> Result<Truth, EvaluateError> {
     let environment = optional(&folder.join("environment.exr"))?;
     let occluders = optional(&folder.join("occluders.exr"))?.map(|stack| unstack(&stack));
     let coverage = coverage(folder)?;

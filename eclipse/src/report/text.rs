@@ -29,7 +29,7 @@ pub(crate) fn number(value: f64) -> String {
 }
 
 /// Seconds as people say them.
-pub(super) fn duration(seconds: f64) -> String {
+pub(crate) fn duration(seconds: f64) -> String {
     let whole = seconds.round().max(0.0) as u64;
     match (whole / 3600, whole / 60 % 60, whole % 60) {
         (0, 0, _) => format!("{} s", number(seconds)),
@@ -72,6 +72,10 @@ fn leaves(name: &str, value: &Value, rows: &mut Vec<(String, String)>) {
         Value::Bool(false) => "no".to_owned(),
         Value::Number(value) if value.is_f64() => value.as_f64().map_or_else(String::new, number),
         Value::String(text) => text.clone(),
+        Value::Array(values) if values.iter().all(|v| v.is_number() || v.is_null()) => {
+            let word = |v: &Value| v.as_f64().map_or_else(|| "–".to_owned(), number);
+            values.iter().map(word).collect::<Vec<_>>().join(", ")
+        }
         other => other.to_string(),
     };
     rows.push((name.to_owned(), text));

@@ -1,0 +1,165 @@
+//! `eclipse study NAME` for the paper's experiments.
+
+use std::{cell::RefCell, io::Write, path::PathBuf};
+
+use clap::{Args, Subcommand};
+
+use super::{Failure, Outcome, print, stop_on_interrupt, units};
+use crate::studies::{self, Bench, Evidence, Scale, Study, StudyError, page};
+
+#[derive(Subcommand, Debug)]
+pub(super) enum PaperStudy {
+    /// Fig. 2: a matt sphere and a mirror that look the same, and an occluder that tells them apart.
+    Ambiguity(PaperArguments),
+    /// Fig. 3: singular values of what is observed, over the number of occluders.
+    Conditioning(PaperArguments),
+    /// Fig. S8 and S9: masks as waves, light as a pyramid.
+    Theory(PaperArguments),
+    /// Fig. 1, 4 and S1: light, albedo and occluders of every capture with truth, against occluders not modelled.
+    Recovery(PaperArguments),
+    /// Fig. 6: a matt object with and without somebody in the light.
+    Lambertian(PaperArguments),
+    /// Fig. 5: errors of masks against the light that they block.
+    Masks(PaperArguments),
+    /// Every experiment of the paper that is here, one after the other.
+    All(PaperArguments),
+}
+
+#[derive(Args, Debug)]
+pub(super) struct PaperArguments {
+    /// What settles the claim in minutes: one seed, short reconstructions, small captures [default].
+    #[arg(long)]
+    pub quick: bool,
+    /// The paper's scale where that is a matter of minutes; three seeds and ten minutes for a reconstruction.
+    #[arg(long, conflicts_with = "quick")]
+    pub full: bool,
+    /// Folder of captures with their truth, for the studies that reconstruct.
+    #[arg(long, value_name = "DIR", default_value = "captures/reconstruct")]
+    pub captures: PathBuf,
+    /// Time for each reconstruction [default: 2m, or 10m with --full; less for small captures].
+    #[arg(long, value_name = "TIME", value_parser = units::duration)]
+    pub time_limit: Option<f64>,
+    /// Threads [default: all].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Folder for a folder of each study.
+    #[arg(long, value_name = "DIR", default_value = "out/studies")]
+    pub out: PathBuf,
+    /// Print JSON: one summary, or a list of them for `all`.
+    #[arg(long)]
+    pub json: bool,
+}
+
+pub(super) fn run(
+    study: &PaperStudy,
+    out: &mut dyn Write,
+    err: &mut dyn Write,
+) -> Result<Outcome, Failure> {
+    let (name, arguments) = match study {
+        PaperStudy::Ambiguity(arguments) => ("ambiguity", arguments),
+        PaperStudy::Conditioning(arguments) => ("conditioning", arguments),
+        PaperStudy::Theory(arguments) => ("theory", arguments),
+        PaperStudy::Recovery(arguments) => ("recovery", arguments),
+        PaperStudy::Lambertian(arguments) => ("lambertian", arguments),
+        PaperStudy::Masks(arguments) => ("masks", arguments),
+        PaperStudy::All(arguments) => return every(arguments, out, err),
+    };
+    let study = studies::by_name(name)
+        .ok_or_else(|| Failure::failed(format!("there is no study called {name}")))?;
+    let evidence = arguments.with_bench(err, |bench| one(study, bench, arguments))?;
+    let evidence = evidence.map_err(failure)?;
+    let text = if arguments.json {
+        serde_json::to_string_pretty(&evidence.summary()).map_err(Failure::failed)? + "\n"
+    } else {
+        evidence.first_line() + "\n"
+    };
+    print(out, &text)?;
+    Ok(Outcome::Done)
+}
+
+/// All of them on one bench; a study that cannot run does not keep the others from it, but from success.
+fn every(
+    arguments: &PaperArguments,
+    out: &mut dyn Write,
+    err: &mut dyn Write,
+) -> Result<Outcome, Failure> {
+    let (mut found, mut failed) = (Vec::new(), Vec::new());
+    arguments.with_bench(err, |bench| {
+        for study in studies::all() {
+            match one(*study, bench, arguments) {
+                Ok(evidence) => {
+                    if !arguments.json {
+                        let line = format!("{}: {}\n", evidence.name, evidence.first_line());
+                        print(out, &line)?;
+                    }
+                    found.push(evidence);
+                }
+                Err(error @ StudyError::Stopped) => return Err(failure(error)),
+                Err(error) => {
+                    (bench.tell)(&format!("{} did not run: {error}", study.name()));
+                    failed.push(study.name());
+                }
+            }
+        }
+        Ok(())
+    })??;
+    if arguments.json {
+        let summaries: Vec<_> = found.iter().map(Evidence::summary).collect();
+        let text = serde_json::to_string_pretty(&summaries).map_err(Failure::failed)?;
+        print(out, &(text + "\n"))?;
+    }
+    match failed.is_empty() {
+        true => Ok(Outcome::Done),
+        false => Err(Failure::failed(format!(
+            "{} of {} studies did not run: {}",
+            failed.len(),
+            studies::all().len(),
+            failed.join(", ")
+        ))),
+    }
+}
+
+/// Runs a study and writes its folder.
+fn one(
+    study: &dyn Study,
+    bench: &Bench<'_>,
+    arguments: &PaperArguments,
+) -> Result<Evidence, StudyError> {
+    let evidence = study.run(bench)?;
+    let folder = arguments.out.join(study.name());
+    page::write(&folder, &evidence)?;
+    (bench.tell)(&folder.join(page::PAGE).display().to_string());
+    Ok(evidence)
+}
+
+fn failure(error: StudyError) -> Failure {
+    let message = error.to_string();
+    let outcome = match error {
+        StudyError::Stopped => Outcome::Interrupted,
+        StudyError::Captures { .. } | StudyError::Nothing(_) | StudyError::Capture(_) => {
+            Outcome::BadInput
+        }
+        _ => Outcome::Failed,
+    };
+    Failure { outcome, message }
+}
+
+impl PaperArguments {
+    /// What studies compute with, as was asked for.
+    fn with_bench<T>(
+        &self,
+        err: &mut dyn Write,
+        work: impl FnOnce(&Bench<'_>) -> T,
+    ) -> Result<T, Failure> {
+        let scale = if self.full { Scale::Full } else { Scale::Quick };
+        let err = RefCell::new(err);
+        let tell = |message: &str| {
+            // A message that nobody reads is no failure.
+            let _ = writeln!(err.borrow_mut(), "{message}");
+        };
+        let mut bench = Bench::new(scale, &self.captures, stop_on_interrupt()?, &tell);
+        bench.threads = self.threads.map_or(bench.threads, usize::from);
+        bench.time_limit = self.time_limit;
+        Ok(work(&bench))
+    }
+}

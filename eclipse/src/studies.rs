@@ -1,0 +1,139 @@
+//! The paper's evidence, made anew: each study repeats one of its experiments, says whether the claim held, and leaves the data.
+//!
+//! One study is one file and one entry of [`all`]. A study returns its [`Evidence`]; [`page::write`] alone knows of files.
+
+mod ambiguity;
+pub mod bench;
+mod conditioning;
+pub mod evidence;
+pub mod flatland;
+mod lambertian;
+mod masks;
+pub mod page;
+mod plot;
+mod recovery;
+pub mod spectrum;
+mod sphere;
+mod theory;
+pub mod trial;
+
+use std::path::PathBuf;
+
+use rayon::ThreadPoolBuildError;
+
+use crate::{
+    capture::CaptureError, evaluate::EvaluateError, image_io::ImageIoError,
+    reconstruct::ReconstructError, synthesize::SynthesizeError,
+};
+
+pub use bench::Bench;
+pub use evidence::{Evidence, Verdict};
+
+/// How much a study computes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Scale {
+    /// What settles the claim in minutes on two cores.
+    #[default]
+    Quick,
+    /// The paper's numbers.
+    Full,
+}
+
+/// One experiment.
+pub trait Study: Sync {
+    /// How it is called on the command line.
+    fn name(&self) -> &'static str;
+
+    /// Computes everything; the same for the same scale on any day, but for reconstructions, which a time limit ends.
+    ///
+    /// # Errors
+    /// A computation that does not converge, a capture that is missing or cannot be read, or the caller's stop.
+    fn run(&self, bench: &Bench<'_>) -> Result<Evidence, StudyError>;
+}
+
+/// Every study, in the paper's order; those that reconstruct come last.
+pub fn all() -> &'static [&'static dyn Study] {
+    &[
+        &ambiguity::Ambiguity,
+        &conditioning::Conditioning,
+        &theory::Theory,
+        &recovery::Recovery,
+        &lambertian::Lambertian,
+        &masks::Masks,
+    ]
+}
+
+/// The study of this name.
+pub fn by_name(name: &str) -> Option<&'static dyn Study> {
+    all().iter().copied().find(|study| study.name() == name)
+}
+
+/// Why a study has no result.
+#[derive(Debug, thiserror::Error)]
+pub enum StudyError {
+    /// The iteration that finds singular values.
+    #[error(
+        "the singular values of a {rows} x {columns} matrix did not converge; its entries may not be finite"
+    )]
+    Singular {
+        /// Its rows.
+        rows: usize,
+        /// Its columns.
+        columns: usize,
+    },
+    /// The folder of captures.
+    #[error(
+        "no captures with truth/environment.exr in {}{}; name their folder with --captures",
+        path.display(),
+        source.as_ref().map_or_else(String::new, |error| format!(" ({error})"))
+    )]
+    Captures {
+        /// The folder.
+        path: PathBuf,
+        /// Why it could not be listed, if so.
+        source: Option<std::io::Error>,
+    },
+    /// Captures, but none that the study is about.
+    #[error("the folder of captures holds none that this study needs: {0}")]
+    Nothing(&'static str),
+    /// A truth without light.
+    #[error("the truth of {0} has no environment.exr")]
+    NoLight(String),
+    /// A capture that cannot be read.
+    #[error(transparent)]
+    Capture(#[from] CaptureError),
+    /// A scene that cannot be photographed.
+    #[error(transparent)]
+    Synthesize(#[from] SynthesizeError),
+    /// A capture that cannot be reconstructed.
+    #[error(transparent)]
+    Reconstruct(#[from] ReconstructError),
+    /// A truth that does not fit.
+    #[error(transparent)]
+    Evaluate(#[from] EvaluateError),
+    /// Threads.
+    #[error("cannot start threads: {0}")]
+    Threads(#[from] ThreadPoolBuildError),
+    /// The caller asked for the end.
+    #[error("interrupted; studies that had ended are written")]
+    Stopped,
+    /// A plot.
+    #[error("cannot draw {name}: {reason}")]
+    Plot {
+        /// Which.
+        name: String,
+        /// Why.
+        reason: String,
+    },
+    /// A folder or file of the results.
+    #[error(
+        "cannot write the study: {0}; check that the folder may be written and the disk is not full"
+    )]
+    Write(#[from] std::io::Error),
+    /// An image.
+    #[error(transparent)]
+    Image(#[from] ImageIoError),
+    /// A summary that JSON cannot hold.
+    #[error("cannot write the summary: {0}")]
+    Json(#[from] serde_json::Error),
+}

@@ -1,0 +1,424 @@
+//! Fig. 2: a matt sphere under sharp light and a mirror under blurred light look the same, until somebody stands in the light.
+
+use std::f32::consts::PI;
+
+use glam::Vec3;
+use render::{
+    camera::Camera,
+    environment::EnvironmentMap,
+    harmonics::{Harmonics, coefficient},
+    image::Image,
+    lat_long::LatLong,
+    reference::Mask,
+    sampler::SampleKey,
+};
+use serde_json::json;
+
+use super::{
+    Bench, Evidence, Study, StudyError, Verdict,
+    evidence::{Content, Figure, Picture, Tone, white},
+    sphere::{Surface, irradiance, mirror_normal, mirrored, photograph},
+};
+use crate::report::text::number;
+
+const GRID: LatLong = LatLong::new(50, 100);
+const ALBEDO: f32 = 0.8;
+/// Roughness of the mirror.
+const ALPHA: f32 = 0.02;
+/// Distance of the camera, and of the occluder's shell.
+const DISTANCE: f32 = 4.0;
+/// Angular radius of the occluder: a person at arm's length from the camera.
+const OCCLUDER: f32 = 0.35;
+/// Up to this degree light counts as low-frequency.
+const LOW: usize = 4;
+/// Where a mirror reflects less than this, its light is not raised for it.
+const LEAST: f32 = 0.5;
+/// Differences below this cannot be seen.
+const ALIKE: f64 = 0.03;
+/// What to say where a part of the claim fails.
+const FAILURES: [&str; 4] = [
+    "the two photographs can be told apart even without an occluder",
+    "the two lights do not differ in frequency",
+    "the occluder does not make the difference five times as large",
+    "the occluder changes the mirror no more than the matt sphere",
+];
+/// Seeds of light and occluder.
+const SEEDS: std::ops::Range<u64> = 0..3;
+
+/// The study.
+pub(super) struct Ambiguity;
+
+impl Study for Ambiguity {
+    fn name(&self) -> &'static str {
+        "ambiguity"
+    }
+
+    fn run(&self, bench: &Bench<'_>) -> Result<Evidence, StudyError> {
+        let size = bench.pick([96, 400]);
+        let pairs: Vec<Pair> = SEEDS.map(|seed| Pair::new(size, seed)).collect();
+        Ok(evidence(&pairs))
+    }
+}
+
+/// The two explanations of one photograph, and what each says of the next.
+struct Pair {
+    sharp: Image,
+    blurred: Image,
+    mask: Image,
+    matt: [Image; 2],
+    mirror: [Image; 2],
+}
+
+impl Pair {
+    fn new(size: usize, seed: u64) -> Self {
+        let mut stream = SampleKey {
+            seed,
+            ..SampleKey::default()
+        }
+        .stream();
+        let mut uniform = || stream.uniform();
+        let eye = DISTANCE * around(0.3, 2.0 * PI * uniform());
+        let camera = Camera::look_at(size, size, 0.55, eye, Vec3::ZERO);
+        let sharp = lamps(&mut uniform);
+        let blurred = blurred(&camera, &sharp);
+        // Beside the camera and never in its view: the sphere is in front of it.
+        let side = 0.5 + 0.5 * uniform();
+        let side = if uniform() < 0.5 { side } else { -side };
+        let mask = disc(rotated(eye.normalize(), side));
+        let occluder = Some(Mask {
+            transmittance: &mask,
+            radius: DISTANCE,
+        });
+        let both = |surface, light: &EnvironmentMap| {
+            [None, occluder].map(|mask| photograph(&camera, surface, light, mask))
+        };
+        Self {
+            matt: both(Surface::Matt(ALBEDO), &sharp),
+            mirror: both(Surface::Mirror(ALPHA), &blurred),
+            sharp: sharp.image().clone(),
+            blurred: blurred.image().clone(),
+            mask,
+        }
+    }
+
+    /// How far the two explanations are apart, without and with the occluder: RMS over RMS.
+    fn difference(&self, photograph: usize) -> f64 {
+        let pairs = self.mirror[photograph]
+            .data
+            .iter()
+            .zip(&self.matt[photograph].data);
+        relative(pairs.map(|(a, b)| (f64::from(a - b), f64::from(*b))))
+    }
+
+    /// The claim's parts, whose failures are [`FAILURES`].
+    fn parts(&self) -> [bool; FAILURES.len()] {
+        let (before, after) = (self.difference(0), self.difference(1));
+        [
+            before < ALIKE,
+            detail(&self.blurred) < 0.15 && detail(&self.sharp) > 0.5,
+            after > 5.0 * before,
+            Self::change(&self.mirror) > Self::change(&self.matt),
+        ]
+    }
+
+    /// How much the occluder changes a sphere.
+    fn change(photographs: &[Image; 2]) -> f64 {
+        let pairs = photographs[1].data.iter().zip(&photographs[0].data);
+        relative(pairs.map(|(a, b)| (f64::from(a - b), f64::from(*b))))
+    }
+
+    /// What of the matt sphere's second photograph a mirror cannot explain by any occluder at all, were it free in every direction:
+    /// one that lets through nothing or everything, and one that may let through any share.
+    fn unexplained(&self) -> [f64; 2] {
+        let pairs = || {
+            let pairs = self.mirror[0].data.iter().zip(&self.matt[1].data);
+            pairs.map(|(all, seen)| (f64::from(*all), f64::from(*seen)))
+        };
+        [
+            relative(pairs().map(|(all, seen)| ((all - seen).abs().min(seen), seen))),
+            relative(pairs().map(|(all, seen)| ((seen - all).max(0.0), seen))),
+        ]
+    }
+}
+
+/// RMS of the first over RMS of the second.
+fn relative(pairs: impl Iterator<Item = (f64, f64)>) -> f64 {
+    let (error, all) = pairs.fold((0.0, 0.0), |(e, a), (x, y)| (e + x * x, a + y * y));
+    (error / all).sqrt()
+}
+
+/// A direction at a height z and an azimuth.
+fn around(z: f32, azimuth: f32) -> Vec3 {
+    let horizontal = (1.0 - z * z).sqrt();
+    Vec3::new(horizontal * azimuth.cos(), horizontal * azimuth.sin(), z)
+}
+
+/// Turned about the vertical.
+fn rotated(direction: Vec3, angle: f32) -> Vec3 {
+    let azimuth = direction.y.atan2(direction.x) + angle;
+    around(direction.z, azimuth)
+}
+
+/// Two dozen coloured lamps in a dim room, none larger than the grid's texels allow to be sharp.
+fn lamps(uniform: &mut impl FnMut() -> f32) -> EnvironmentMap {
+    let lamps: Vec<(Vec3, [f32; 3])> = (0..24)
+        .map(|_| {
+            let direction = around(2.0 * uniform() - 1.0, 2.0 * PI * uniform());
+            let power = 4.0 + 16.0 * uniform();
+            (direction, [0; 3].map(|_| power * (0.4 + 0.6 * uniform())))
+        })
+        .collect();
+    map(|direction| {
+        let mut sum = [0.15; 3];
+        for (lamp, power) in &lamps {
+            let near = ((direction.dot(*lamp) - 1.0) / 0.008).exp();
+            for c in 0..3 {
+                sum[c] += power[c] * near;
+            }
+        }
+        sum
+    })
+}
+
+/// The light in which a mirror looks as the matt sphere does in `sharp`: in each direction what the matt sphere shows where the
+/// mirror would reflect it.
+fn blurred(camera: &Camera, sharp: &EnvironmentMap) -> EnvironmentMap {
+    map(|direction| {
+        let normal = mirror_normal(camera, direction);
+        let outgoing = (camera.centre() - normal).normalize();
+        // The model's mirror darkens towards the rim; beyond this it reflects too little to divide by.
+        let [reflected, ..] = mirrored(normal, outgoing, ALPHA, |_| [1.0; 3]);
+        irradiance(normal, sharp, None).map(|e| ALBEDO / PI * e / reflected.max(LEAST))
+    })
+}
+
+fn disc(axis: Vec3) -> Image {
+    let mut mask = Image::filled(GRID.columns, GRID.rows, 1, 1.0);
+    for (texel, value) in mask.data.iter_mut().enumerate() {
+        let direction = GRID.texel_direction(texel / GRID.columns, texel % GRID.columns);
+        if direction.dot(axis) > OCCLUDER.cos() {
+            *value = 0.0;
+        }
+    }
+    mask
+}
+
+fn map(radiance: impl Fn(Vec3) -> [f32; 3]) -> EnvironmentMap {
+    let data = (0..GRID.len())
+        .flat_map(|t| radiance(GRID.texel_direction(t / GRID.columns, t % GRID.columns)))
+        .collect();
+    let image = Image {
+        width: GRID.columns,
+        height: GRID.rows,
+        channels: 3,
+        data,
+    };
+    let Ok(map) = EnvironmentMap::new(image) else {
+        unreachable!("sums of positive radiance are radiance");
+    };
+    map
+}
+
+/// The share of a map's variance in spherical harmonics above degree [`LOW`].
+fn detail(map: &Image) -> f64 {
+    let harmonics = Harmonics::<f64>::new(LOW, GRID);
+    let grey: Vec<f64> = map
+        .data
+        .chunks_exact(3)
+        .map(|p| f64::from(p.iter().sum::<f32>()))
+        .collect();
+    let weight = |t: usize| f64::from(GRID.solid_angle(t / GRID.columns));
+    let weighted: Vec<f64> = grey
+        .iter()
+        .enumerate()
+        .map(|(t, v)| weight(t) * v)
+        .collect();
+    let mut coefficients = vec![0.0; harmonics.coefficients()];
+    harmonics.transpose(&weighted, &mut coefficients, 1);
+    let energy: f64 = grey.iter().zip(&weighted).map(|(v, w)| v * w).sum();
+    let mean = coefficients[coefficient(0, 0)].powi(2);
+    let low: f64 = coefficients.iter().map(|c| c * c).sum();
+    (energy - low) / (energy - mean)
+}
+
+fn evidence(pairs: &[Pair]) -> Evidence {
+    let range = |of: &dyn Fn(&Pair) -> f64| -> [f64; 2] {
+        let values = pairs.iter().map(of);
+        values.fold([f64::INFINITY, 0.0], |[low, high], v| {
+            [v.min(low), v.max(high)]
+        })
+    };
+    let (before, after) = (range(&|p| p.difference(0)), range(&|p| p.difference(1)));
+    let (matt, mirror) = (
+        range(&|p| Pair::change(&p.matt)),
+        range(&|p| Pair::change(&p.mirror)),
+    );
+    let (sharp, soft) = (range(&|p| detail(&p.sharp)), range(&|p| detail(&p.blurred)));
+    let (opaque, translucent) = (
+        range(&|p| p.unexplained()[0]),
+        range(&|p| p.unexplained()[1]),
+    );
+    // A light and its occluder are compared with themselves only: how much of the light is blocked differs from seed to seed.
+    let parts: Vec<bool> = pairs.iter().flat_map(Pair::parts).collect();
+    let clearer = range(&|p| p.difference(1) / p.difference(0));
+    let blamed: Vec<&str> = FAILURES
+        .iter()
+        .enumerate()
+        .filter(|(i, _)| {
+            parts
+                .iter()
+                .skip(*i)
+                .step_by(FAILURES.len())
+                .any(|held| !held)
+        })
+        .map(|(_, words)| *words)
+        .collect();
+    let why = match blamed.is_empty() {
+        true => String::new(),
+        false => format!(" In some seed {}.", blamed.join("; ")),
+    };
+    let percent =
+        |[low, high]: [f64; 2]| format!("{} to {} %", number(100.0 * low), number(100.0 * high));
+    Evidence {
+        name: "ambiguity",
+        title: "Matt or mirror?",
+        source: "Verbin et al. 2024, Fig. 2",
+        claim: "A diffuse sphere lit by high-frequency light cannot be told from a mirror-like one lit by low-frequency light; a second \
+                image with an occluder that is not seen itself tells them apart.",
+        verdict: Verdict::of(&parts),
+        sentence: format!(
+            "the two photographs differ by {} (RMS, three seeds of light), although {} of the variance of one light and {} of the other \
+             lies above degree {LOW}; with an occluder beside the camera they differ by {}, {} to {} times as much.{why}",
+            percent(before),
+            percent(sharp),
+            percent(soft),
+            percent(after),
+            number(clearer[0]),
+            number(clearer[1]),
+        ),
+        numbers: json!({
+            "difference_without_occluder": before,
+            "difference_with_occluder": after,
+            "change_by_occluder": {"matt": matt, "mirror": mirror},
+            "light_above_degree_4": {"matt": sharp, "mirror": soft},
+            "unexplained_by_a_mirror": {"opaque_occluder": opaque, "translucent_occluder": translucent},
+        }),
+        figures: figures(&pairs[0]),
+        notes: vec![
+            format!(
+                "The matt sphere has albedo {ALBEDO}; the mirror is a metal of roughness α = {ALPHA} (S3). Its light is, in each direction, \
+                 what the matt sphere shows at the place where the mirror reflects it to the camera, over what the mirror reflects there, \
+                 where that is {LEAST} at least. What difference remains is at the rim, where the model's mirror loses light, and by its \
+                 roughness."
+            ),
+            format!(
+                "How far this goes: a mirror that may choose any occluder still cannot explain the matt sphere's second photograph if the \
+                 occluder is opaque ({} remain unexplained in the best case, direction by direction); one that may let through any share of \
+                 light in every direction explains it to {}. That masks are nearly opaque and compact is what tells the two apart.",
+                percent(opaque),
+                percent(translucent)
+            ),
+            "Pairs of numbers are the least and the most over three seeds of lamps, camera and occluder. One ray a pixel; light by \
+             quadrature over 50 x 100 directions."
+                .into(),
+        ],
+    }
+}
+
+fn figures(pair: &Pair) -> Vec<Figure> {
+    let bright = white(&pair.matt[0]);
+    let ratio = |label: &str, [before, after]: &[Image; 2]| {
+        let data = before.data.chunks_exact(3).zip(after.data.chunks_exact(3));
+        let data = data.map(|(b, a)| match b.iter().sum::<f32>() {
+            sum if sum > 0.0 => a.iter().sum::<f32>() / sum,
+            _ => 1.0,
+        });
+        Picture {
+            label: label.into(),
+            values: Image {
+                channels: 1,
+                data: data.collect(),
+                ..*before
+            },
+            tone: Tone::Light { white: 1.0 },
+        }
+    };
+    let figure = |name: &str, caption: &str, pictures| Figure {
+        name: name.into(),
+        caption: caption.into(),
+        content: Content::Pictures(pictures),
+    };
+    vec![
+        figure(
+            "one-photograph",
+            "Without an occluder the two look the same; first seed.",
+            vec![
+                Picture::light("matt sphere", &pair.matt[0], bright),
+                Picture::light("mirror", &pair.mirror[0], bright),
+            ],
+        ),
+        figure(
+            "with-an-occluder",
+            "The same two with somebody beside the camera, not in view.",
+            vec![
+                Picture::light("matt sphere", &pair.matt[1], bright),
+                Picture::light("mirror", &pair.mirror[1], bright),
+            ],
+        ),
+        figure(
+            "light-left",
+            "The second photograph over the first: the shadow is wide and faint on the one, an outline on the other.",
+            vec![
+                ratio("matt sphere", &pair.matt),
+                ratio("mirror", &pair.mirror),
+            ],
+        ),
+        figure(
+            "lights",
+            "The lights of the two explanations, and the occluder.",
+            vec![
+                Picture::light("of the matt sphere", &pair.sharp, white(&pair.sharp)),
+                Picture::light("of the mirror", &pair.blurred, white(&pair.blurred)),
+                Picture::light("what the occluder lets through", &pair.mask, 1.0),
+            ],
+        ),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_explanations_agree_until_an_occluder_enters() {
+        for seed in SEEDS {
+            let pair = Pair::new(32, seed);
+            assert!(pair.difference(0) < ALIKE, "{}", pair.difference(0));
+            assert!(
+                pair.difference(1) > 5.0 * pair.difference(0),
+                "{seed}: {}",
+                pair.difference(1)
+            );
+            let [opaque, translucent] = pair.unexplained();
+            assert!(translucent < opaque && translucent < ALIKE);
+        }
+    }
+
+    #[test]
+    fn an_occluder_that_blocks_nothing_tells_nothing() {
+        let mut pair = Pair::new(16, 0);
+        pair.matt[1] = pair.matt[0].clone();
+        pair.mirror[1] = pair.mirror[0].clone();
+        assert_eq!(Pair::change(&pair.matt), 0.0);
+        assert_eq!(pair.difference(0), pair.difference(1));
+    }
+
+    #[test]
+    fn detail_is_what_lies_above_the_degree() {
+        let wave = |k: f32| {
+            map(|d| [1.5 + (k * d.y.atan2(d.x)).cos() * (1.0 - d.z * d.z).powf(0.5 * k); 3])
+        };
+        assert!(detail(wave(3.0).image()) < 0.01);
+        assert!(detail(wave(9.0).image()) > 0.99);
+    }
+}

@@ -1,0 +1,235 @@
+//! What a study finds: a verdict on the paper's claim, the numbers behind it, and figures with their data.
+
+use render::image::Image;
+use serde::Serialize;
+use serde_json::Value;
+
+/// Whether the paper's claim held here.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// In every part.
+    Held,
+    /// Some parts did; the sentence says which not, and why.
+    HeldInPart,
+    /// It did not.
+    DidNotHold,
+}
+
+impl Verdict {
+    /// From the outcomes of a claim's parts.
+    pub fn of(parts: &[bool]) -> Self {
+        match parts.iter().filter(|&&held| held).count() {
+            n if n == parts.len() => Self::Held,
+            0 => Self::DidNotHold,
+            _ => Self::HeldInPart,
+        }
+    }
+
+    /// As the first words of a page.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Held => "The claim held here",
+            Self::HeldInPart => "The claim held here in part",
+            Self::DidNotHold => "The claim did not hold here",
+        }
+    }
+}
+
+/// The result of a study.
+#[derive(Clone, Debug)]
+pub struct Evidence {
+    /// The study's name.
+    pub name: &'static str,
+    /// A heading.
+    pub title: &'static str,
+    /// Which part of the paper.
+    pub source: &'static str,
+    /// What the paper says, in our words.
+    pub claim: &'static str,
+    /// Whether it held.
+    pub verdict: Verdict,
+    /// The numbers that decide, and where it did not hold, why. Follows [`Verdict::words`] and a colon.
+    pub sentence: String,
+    /// Every number, for the table and for JSON.
+    pub numbers: Value,
+    /// What is shown.
+    pub figures: Vec<Figure>,
+    /// How it was computed, and what the paper leaves out. A paragraph each.
+    pub notes: Vec<String>,
+}
+
+/// The part of the evidence that programs read.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary<'a> {
+    /// The study's name.
+    pub study: &'a str,
+    /// Which part of the paper.
+    pub source: &'a str,
+    /// What the paper says.
+    pub claim: &'a str,
+    /// Whether it held.
+    pub verdict: Verdict,
+    /// The page's first line.
+    pub sentence: String,
+    /// Every number.
+    pub numbers: &'a Value,
+}
+
+impl Evidence {
+    /// The page's first line.
+    pub fn first_line(&self) -> String {
+        format!("{}: {}", self.verdict.words(), self.sentence)
+    }
+
+    /// What programs read.
+    pub fn summary(&self) -> Summary<'_> {
+        Summary {
+            study: self.name,
+            source: self.source,
+            claim: self.claim,
+            verdict: self.verdict,
+            sentence: self.first_line(),
+            numbers: &self.numbers,
+        }
+    }
+}
+
+/// One figure; its files are called after `name`.
+#[derive(Clone, Debug)]
+pub struct Figure {
+    /// A name for files.
+    pub name: String,
+    /// What is seen and what to conclude.
+    pub caption: String,
+    /// What is drawn.
+    pub content: Content,
+}
+
+/// What a figure shows.
+#[derive(Clone, Debug)]
+pub enum Content {
+    /// Curves or dots.
+    Chart(Chart),
+    /// Images side by side.
+    Pictures(Vec<Picture>),
+}
+
+/// Curves or dots over two axes.
+#[derive(Clone, Debug)]
+pub struct Chart {
+    /// Along the bottom.
+    pub x: Axis,
+    /// Up the side.
+    pub y: Axis,
+    /// In the order of the legend.
+    pub series: Vec<Series>,
+}
+
+/// An axis.
+#[derive(Clone, Debug)]
+pub struct Axis {
+    /// Its label.
+    pub label: String,
+    /// The ends; on a logarithmic axis both positive.
+    pub range: [f64; 2],
+    /// Whether equal ratios are equal steps.
+    pub logarithmic: bool,
+}
+
+impl Axis {
+    /// Equal steps.
+    pub fn linear(label: impl Into<String>, range: [f64; 2]) -> Self {
+        Self {
+            label: label.into(),
+            range,
+            logarithmic: false,
+        }
+    }
+
+    /// Equal ratios.
+    pub fn logarithmic(label: impl Into<String>, range: [f64; 2]) -> Self {
+        Self {
+            label: label.into(),
+            range,
+            logarithmic: true,
+        }
+    }
+}
+
+/// One curve or cloud of dots.
+#[derive(Clone, Debug)]
+pub struct Series {
+    /// In the legend and the data.
+    pub label: String,
+    /// What is plotted.
+    pub points: Vec<[f64; 2]>,
+    /// Dots that are not joined.
+    pub dots: bool,
+}
+
+impl Series {
+    /// A curve.
+    pub fn line(label: impl Into<String>, points: Vec<[f64; 2]>) -> Self {
+        Self {
+            label: label.into(),
+            points,
+            dots: false,
+        }
+    }
+
+    /// Dots.
+    pub fn dots(label: impl Into<String>, points: Vec<[f64; 2]>) -> Self {
+        Self {
+            dots: true,
+            ..Self::line(label, points)
+        }
+    }
+}
+
+/// One image of a figure, with its values.
+#[derive(Clone, Debug)]
+pub struct Picture {
+    /// In the caption below and the data.
+    pub label: String,
+    /// The values, of one channel or three.
+    pub values: Image,
+    /// How they are shown.
+    pub tone: Tone,
+}
+
+impl Picture {
+    /// Linear light, or shares of it, this value being white.
+    pub fn light(label: impl Into<String>, values: &Image, white: f32) -> Self {
+        Self {
+            label: label.into(),
+            values: values.clone(),
+            tone: Tone::Light { white },
+        }
+    }
+}
+
+/// The radiance shown as white: all but the brightest 0.5 % of values are below.
+pub fn white(image: &Image) -> f32 {
+    let mut values = image.data.clone();
+    values.sort_unstable_by(f32::total_cmp);
+    let index = (values.len() * 995 / 1000).min(values.len().saturating_sub(1));
+    values.get(index).map_or(1.0, |value| value.max(1e-6))
+}
+
+/// How values become colours.
+#[derive(Clone, Copy, Debug)]
+pub enum Tone {
+    /// Linear light, this radiance being white.
+    Light {
+        /// Radiance of white.
+        white: f32,
+    },
+    /// Small in blue, large in red, between these values; the first channel only.
+    Heat {
+        /// Full blue.
+        low: f32,
+        /// Full red.
+        high: f32,
+    },
+}

@@ -1,0 +1,194 @@
+//! Charts as SVG.
+
+use plotters::{
+    coord::ranged1d::{AsRangedCoord, ValueFormatter},
+    prelude::*,
+    style::text_anchor::{HPos, Pos, VPos},
+};
+
+use super::{
+    StudyError,
+    evidence::{Axis, Chart, Series},
+};
+use crate::report::text::number;
+
+const SIZE: (u32, u32) = (820, 440);
+/// Room on the right for the legend.
+const LEGEND: i32 = 170;
+/// Axes and words: readable on light and dark pages.
+const INK: RGBColor = RGBColor(120, 128, 138);
+/// Colours that stay apart for colour-blind readers (Okabe and Ito 2008, without yellow and black).
+const COLOURS: [RGBColor; 6] = [
+    RGBColor(213, 94, 0),
+    RGBColor(230, 159, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(86, 180, 233),
+    RGBColor(0, 114, 178),
+    RGBColor(204, 121, 167),
+];
+
+/// The chart as an SVG element that stands alone.
+pub(super) fn svg(name: &str, chart: &Chart) -> Result<String, StudyError> {
+    let mut text = String::new();
+    let drawn = {
+        let root = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
+        let (x, y) = (&chart.x.range, &chart.y.range);
+        // The kinds of axes differ in type.
+        match (chart.x.logarithmic, chart.y.logarithmic) {
+            (false, false) => draw(&root, chart, x[0]..x[1], y[0]..y[1]),
+            (false, true) => draw(&root, chart, x[0]..x[1], (y[0]..y[1]).log_scale()),
+            (true, false) => draw(&root, chart, (x[0]..x[1]).log_scale(), y[0]..y[1]),
+            (true, true) => draw(
+                &root,
+                chart,
+                (x[0]..x[1]).log_scale(),
+                (y[0]..y[1]).log_scale(),
+            ),
+        }
+        .and_then(|()| root.present().map_err(|e| e.to_string()))
+    };
+    drawn.map_err(|reason| StudyError::Plot {
+        name: name.to_owned(),
+        reason,
+    })?;
+    Ok(scalable(&text))
+}
+
+fn draw<X, Y>(
+    root: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>,
+    chart: &Chart,
+    x: X,
+    y: Y,
+) -> Result<(), String>
+where
+    X: AsRangedCoord<Value = f64>,
+    Y: AsRangedCoord<Value = f64>,
+    X::CoordDescType: ValueFormatter<f64>,
+    Y::CoordDescType: ValueFormatter<f64>,
+{
+    let mut context = ChartBuilder::on(root)
+        .margin(10)
+        .margin_right(LEGEND)
+        .x_label_area_size(44)
+        .y_label_area_size(70)
+        .build_cartesian_2d(x, y)
+        .map_err(|e| e.to_string())?;
+    let small = ("sans-serif", 13).into_font().color(&INK);
+    let label = |value: &f64| number(*value).replace(".00e", "e");
+    context
+        .configure_mesh()
+        .light_line_style(TRANSPARENT)
+        .bold_line_style(INK.mix(0.25))
+        .axis_style(INK)
+        .x_labels(9)
+        .y_labels(8)
+        .x_desc(chart.x.label.as_str())
+        .y_desc(chart.y.label.as_str())
+        .x_label_formatter(&label)
+        .y_label_formatter(&label)
+        .label_style(small.clone())
+        .axis_desc_style(small.clone())
+        .draw()
+        .map_err(|e| e.to_string())?;
+    for (index, series) in chart.series.iter().enumerate() {
+        let colour = COLOURS[index % COLOURS.len()];
+        let points = series.points.iter().copied();
+        let shown = points.filter(|p| within(p[0], &chart.x) && within(p[1], &chart.y));
+        if series.dots {
+            let dots = shown.map(|p| Circle::new((p[0], p[1]), 2, colour.mix(0.5).filled()));
+            context.draw_series(dots).map_err(|e| e.to_string())?;
+        } else {
+            let style = colour.stroke_width(2);
+            let line = LineSeries::new(shown.map(|p| (p[0], p[1])), style);
+            context.draw_series(line).map_err(|e| e.to_string())?;
+        }
+    }
+    legend(root, &chart.series, &small).map_err(|e| e.to_string())
+}
+
+/// Right of the plot, where it hides nothing.
+fn legend(
+    root: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>,
+    series: &[Series],
+    small: &TextStyle<'_>,
+) -> Result<(), Box<dyn std::error::Error>> {
+    let left = SIZE.0 as i32 - LEGEND + 12;
+    let style = small.clone().pos(Pos::new(HPos::Left, VPos::Center));
+    for (index, series) in series.iter().enumerate() {
+        let colour = COLOURS[index % COLOURS.len()];
+        let y = 24 + 20 * index as i32;
+        let box_of = [(left, y - 2), (left + 16, y + 2)];
+        root.draw(&Rectangle::new(box_of, colour.filled()))?;
+        root.draw(&Text::new(
+            series.label.as_str(),
+            (left + 24, y),
+            style.clone(),
+        ))?;
+    }
+    Ok(())
+}
+
+/// Whether a value can be drawn: a logarithm needs positive ones, and what lies outside would be drawn over the words.
+fn within(value: f64, axis: &Axis) -> bool {
+    let [a, b] = axis.range;
+    value >= a.min(b) && value <= a.max(b)
+}
+
+/// The picture's size as a view box, so that pages may scale it.
+fn scalable(svg: &str) -> String {
+    let fixed = format!("<svg width=\"{}\" height=\"{}\"", SIZE.0, SIZE.1);
+    svg.replacen(&fixed, "<svg", 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chart(logarithmic: bool, points: Vec<[f64; 2]>) -> Chart {
+        let axis = |range| match logarithmic {
+            true => Axis::logarithmic("σ", range),
+            false => Axis::linear("σ", range),
+        };
+        Chart {
+            x: Axis::linear("k", [0.0, 2.0]),
+            y: axis([1e-4, 1.0]),
+            series: vec![Series::line("first", points)],
+        }
+    }
+
+    /// Heights of the polyline's points.
+    fn heights(svg: &str) -> Vec<f64> {
+        let curve = svg.split("<polyline").find(|p| p.contains("#D55E00"));
+        let points = curve.unwrap().split("points=\"").nth(1).unwrap();
+        let points = points.split('"').next().unwrap();
+        let pairs = points.split_whitespace();
+        pairs
+            .map(|p| p.split(',').nth(1).unwrap().parse().unwrap())
+            .collect()
+    }
+
+    #[test]
+    fn equal_ratios_are_equal_steps_on_a_logarithmic_axis_only() {
+        let points = vec![[0.0, 1.0], [1.0, 1e-2], [2.0, 1e-4]];
+        let ratio = |logarithmic| {
+            let h = heights(&svg("test", &chart(logarithmic, points.clone())).unwrap());
+            (h[1] - h[0]) / (h[2] - h[0])
+        };
+        assert!((ratio(true) - 0.5).abs() < 0.01);
+        assert!((ratio(false) - 0.99).abs() < 0.01);
+    }
+
+    #[test]
+    fn what_cannot_be_drawn_is_left_out() {
+        let points = vec![
+            [0.0, 1.0],
+            [0.5, 0.0],
+            [1.0, f64::NAN],
+            [1.5, 5.0],
+            [2.0, 0.1],
+        ];
+        let svg = svg("test", &chart(true, points)).unwrap();
+        assert_eq!(heights(&svg).len(), 2);
+        assert!(svg.contains("first") && !svg.contains("NaN"));
+    }
+}

@@ -1,0 +1,116 @@
+//! The paper's experiments, from the command line to the files they leave.
+
+use std::{fs, process::Command};
+
+use serde_json::Value;
+
+/// Runs a study; its summary and the folder it left.
+fn study(name: &str) -> (Value, tempfile::TempDir) {
+    let folder = tempfile::tempdir().unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_eclipse-under-test"))
+        .args(["study", name, "--json", "--out"])
+        .arg(folder.path())
+        .output()
+        .unwrap();
+    let messages = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{messages}");
+    let summary = serde_json::from_slice(&output.stdout).unwrap();
+    (summary, folder)
+}
+
+/// The page says what the summary says, first of all, and every plot has its data.
+fn complete(name: &str, summary: &Value, folder: &tempfile::TempDir) {
+    let folder = folder.path().join(name);
+    let read = |file: &str| fs::read_to_string(folder.join(file)).unwrap();
+    let written: Value = serde_json::from_str(&read("summary.json")).unwrap();
+    assert_eq!(&written, summary);
+    let page = read("study.html");
+    let words = match summary["verdict"].as_str().unwrap() {
+        "held" => "The claim held here",
+        "held_in_part" => "The claim held here in part",
+        _ => "The claim did not hold here",
+    };
+    assert!(page.contains(&format!("<p class=\"summary\"><b>{words}</b>")));
+    assert!(summary["sentence"].as_str().unwrap().starts_with(words));
+    let mut plots = 0;
+    let drawn = |e: &std::ffi::OsStr| e == "svg" || e == "png";
+    for entry in fs::read_dir(&folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(drawn) {
+            // Pictures of one figure are numbered and share its data.
+            let name = path.file_stem().unwrap().to_string_lossy();
+            let name = match path.extension().is_some_and(|e| e == "png") {
+                true => name.rsplit_once('-').unwrap().0,
+                false => &*name,
+            };
+            let data = fs::read_to_string(folder.join(format!("{name}.csv"))).unwrap();
+            assert!(data.lines().count() > 10, "{}", path.display());
+            plots += 1;
+        }
+    }
+    assert!(plots > 0);
+}
+
+#[test]
+fn occluders_make_visible_what_a_matt_surface_hides() {
+    let (summary, folder) = study("conditioning");
+    complete("conditioning", &summary, &folder);
+    assert_eq!(summary["verdict"], "held", "{summary:#}");
+    let at = |row: &str, number: &str| summary["numbers"]["blocker"][row][number].as_f64().unwrap();
+    // Computed independently with LAPACK's SVD of the same operator.
+    let expected = [
+        ("no_occlusions", 33.0),
+        ("1_observation", 63.0),
+        ("2_observations", 98.0),
+        ("8_observations", 224.0),
+        ("16_observations", 394.0),
+        ("32_observations", 512.0),
+    ];
+    for (row, count) in expected {
+        // A value next to the threshold may fall on either side.
+        assert!((at(row, "above_1e-3") - count).abs() <= 2.0, "{row}");
+    }
+    assert!((at("32_observations", "smallest") / 1.3688e-3 - 1.0).abs() < 1e-3);
+}
+
+#[test]
+fn an_occluder_tells_matt_from_mirror() {
+    let (summary, folder) = study("ambiguity");
+    complete("ambiguity", &summary, &folder);
+    let range = |name: &str| {
+        let pair = summary["numbers"][name].as_array().unwrap();
+        [0, 1].map(|i| pair[i].as_f64().unwrap())
+    };
+    let (without, with) = (
+        range("difference_without_occluder"),
+        range("difference_with_occluder"),
+    );
+    assert!(without[1] < 0.03, "{without:?}");
+    assert!(with[0] > 5.0 * without[1], "{without:?} {with:?}");
+}
+
+#[test]
+fn masks_are_waves_and_light_is_a_pyramid_where_contrast_is_low() {
+    let (summary, folder) = study("theory");
+    complete("theory", &summary, &folder);
+    let numbers = &summary["numbers"];
+    for (observations, block) in [(1, 128), (2, 64), (8, 16), (32, 4)] {
+        assert_eq!(
+            numbers[format!("observations_{observations}")]["block"],
+            block
+        );
+    }
+    for contrast in ["low_contrast", "high_contrast"] {
+        for exponent in ["a_0.1", "a_1", "a_10"] {
+            assert_eq!(numbers[contrast][exponent]["peak_on_diagonal"], true);
+        }
+    }
+    // A white spectrum of high contrast has its energy everywhere, and the page says so.
+    assert!(
+        numbers["high_contrast"]["a_0.1"]["within_8_share_most"]
+            .as_f64()
+            .unwrap()
+            < 0.5
+    );
+    assert!(summary["sentence"].as_str().unwrap().contains("Not so"));
+}
