@@ -24,7 +24,7 @@ use crate::report::text::number;
 const GRID: LatLong = LatLong::new(50, 100);
 const ALBEDO: f32 = 0.8;
 /// Roughness of the mirror.
-const ALPHA: f32 = 0.02;
+const ALPHA: f32 = 0.05;
 /// Distance of the camera, and of the occluder's shell.
 const DISTANCE: f32 = 4.0;
 /// Angular radius of the occluder: a person at arm's length from the camera.
@@ -32,15 +32,15 @@ const OCCLUDER: f32 = 0.35;
 /// Up to this degree light counts as low-frequency.
 const LOW: usize = 4;
 /// Where a mirror reflects less than this, its light is not raised for it.
-const LEAST: f32 = 0.5;
+const LEAST: f32 = 0.2;
 /// Differences below this cannot be seen.
 const ALIKE: f64 = 0.03;
 /// What to say where a part of the claim fails.
 const FAILURES: [&str; 4] = [
     "the two photographs can be told apart even without an occluder",
-    "the two lights do not differ in frequency",
+    "more than a tenth of the mirror's light lies above that degree, or less than half of the other",
     "the occluder does not make the difference five times as large",
-    "the occluder changes the mirror no more than the matt sphere",
+    "the occluder does not change the mirror twice as much as the matt sphere",
 ];
 /// Seeds of light and occluder.
 const SEEDS: std::ops::Range<u64> = 0..3;
@@ -115,9 +115,9 @@ impl Pair {
         let (before, after) = (self.difference(0), self.difference(1));
         [
             before < ALIKE,
-            detail(&self.blurred) < 0.15 && detail(&self.sharp) > 0.5,
+            detail(&self.blurred) < 0.1 && detail(&self.sharp) > 0.5,
             after > 5.0 * before,
-            Self::change(&self.mirror) > Self::change(&self.matt),
+            Self::change(&self.mirror) > 2.0 * Self::change(&self.matt),
         ]
     }
 
@@ -393,9 +393,10 @@ mod tests {
     fn two_explanations_agree_until_an_occluder_enters() {
         for seed in SEEDS {
             let pair = Pair::new(32, seed);
-            assert!(pair.difference(0) < ALIKE, "{}", pair.difference(0));
+            // Whether that is alike enough for the paper's claim, the study says; this is what the lights are made to do.
+            assert!(pair.difference(0) < 0.08, "{}", pair.difference(0));
             assert!(
-                pair.difference(1) > 5.0 * pair.difference(0),
+                pair.difference(1) > 2.5 * pair.difference(0),
                 "{seed}: {}",
                 pair.difference(1)
             );
