@@ -35,7 +35,7 @@ const STEPS: [usize; 2] = [6, 10];
 /// An effect with more numbers than this is summed up in the remarks.
 const FEW: usize = 4;
 
-/// A whole reconstruction with the effects that `settings.with` names; without any, as [`reconstruct::run`].
+/// A whole reconstruction with the effects that `settings.with` names; without any, as [`reconstruct::run()`].
 ///
 /// # Errors
 /// [`JointError`].

@@ -196,7 +196,7 @@ fn the_camera_is_undone_as_it_is_recorded() {
         };
         let betas: Vec<f64> = terms.iter().enumerate().map(beta).collect();
         let numbers = effect.camera_numbers(&terms, &betas);
-        let map = effect.camera_map(&capture, &numbers).expect(effect.id());
+        let map = effect.camera_map(&capture, &numbers).unwrap();
         assert!(effect.camera_map(&capture, &numbers[1..]).is_none());
         let mut chain = Chain::new(&[Link { effect, terms }], study.seen.len()).unwrap();
         chain.bind(&fit.ideal, &[betas]).unwrap();

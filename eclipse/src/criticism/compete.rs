@@ -37,7 +37,7 @@ pub struct Contenders {
     pub rivals: Vec<(&'static str, &'static str)>,
 }
 
-/// The physics of a screening that stands up, at most [`CONTENDERS`]; `None` when there is none.
+/// The physics of a screening that stands up, at most three; `None` when there is none.
 ///
 /// Capacity candidates have many numbers for what physics does with few. One of them takes part when it gains more than twice
 /// as much as the best physics: then the physics may be a symptom of a model that is too coarse.
