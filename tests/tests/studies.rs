@@ -85,8 +85,14 @@ fn an_occluder_tells_matt_from_mirror() {
         range("difference_without_occluder"),
         range("difference_with_occluder"),
     );
-    assert!(without[1] < 0.03, "{without:?}");
-    assert!(with[0] > 5.0 * without[1], "{without:?} {with:?}");
+    // Whether that is alike enough, and then different enough, is the study's to say: by 3 % and five times.
+    assert!(without[1] < 0.06, "{without:?}");
+    assert!(with[0] > 2.0 * without[1], "{without:?} {with:?}");
+    if without[1] > 0.03 || with[1] < 5.0 * without[0] {
+        assert_eq!(summary["verdict"], "held_in_part", "{summary:#}");
+        let sentence = summary["sentence"].as_str().unwrap();
+        assert!(sentence.contains("In some seed"), "{sentence}");
+    }
 }
 
 #[test]
