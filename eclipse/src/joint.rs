@@ -264,7 +264,7 @@ fn fit(
     fit.refine(&study, STEPS[1])?;
     let of_effect = |effect: &&'static dyn Effect| -> Option<Camera> {
         let active = fit.active.iter().find(|a| a.effect.id() == effect.id())?;
-        let link = fit.links.iter().find(|l| l.effect.id() == effect.id())?;
+        let link = fit.link(effect.id())?;
         Some(Camera {
             effect: *effect,
             numbers: effect.camera_numbers(&link.terms, &active.beta),

@@ -176,7 +176,7 @@ pub fn synthesize(
 
 /// Camera `index` of a spiral over the upper half, around an object of this bounding radius at the origin: golden angles
 /// around, from low to high.
-pub fn camera(shooting: &Shooting, index: usize, radius: f32) -> Camera {
+fn camera(shooting: &Shooting, index: usize, radius: f32) -> Camera {
     let golden = std::f32::consts::PI * (3.0 - 5f32.sqrt());
     let height = (index as f32 + 0.5) / shooting.frames as f32;
     let (elevation, azimuth) = (0.1 + 0.7 * height, golden * index as f32);

@@ -9,7 +9,7 @@ use std::{
 use clap::Args;
 use render::{camera::Camera, convention::Convention};
 
-use super::{Failure, Outcome, print, stop_on_interrupt};
+use super::{Failure, Outcome, print, stop_on_interrupt, units};
 use crate::{
     capture::read_cameras,
     image_io::{EnvironmentOptions, Rows, read_environment},
@@ -56,7 +56,7 @@ pub(super) struct RelightArguments {
     #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true, value_parser = degrees)]
     pub azimuth: f32,
     /// Distance of the orbit in bounding radii of the object.
-    #[arg(long, value_name = "D", default_value_t = 5.0, value_parser = distance)]
+    #[arg(long, value_name = "D", default_value_t = 5.0, value_parser = units::distance)]
     pub distance: f32,
     /// Exposure of the light, in stops.
     #[arg(long, value_name = "EV", default_value_t = 0.0, allow_negative_numbers = true, value_parser = exposure)]
@@ -182,28 +182,16 @@ fn size(text: &str) -> Result<[usize; 2], String> {
         })
 }
 
-fn number(text: &str, least: f32, most: f32) -> Result<f32, String> {
-    let value = text
-        .parse()
-        .ok()
-        .filter(|value| (least..=most).contains(value));
-    value.ok_or_else(|| format!("`{text}` is not a number between {least} and {most}"))
-}
-
 fn elevation(text: &str) -> Result<f32, String> {
-    number(text, -90.0, 90.0)
+    units::number(text, -90.0, 90.0)
 }
 
 fn degrees(text: &str) -> Result<f32, String> {
-    number(text, -360.0, 360.0)
+    units::number(text, -360.0, 360.0)
 }
 
 fn exposure(text: &str) -> Result<f32, String> {
-    number(text, -30.0, 30.0)
-}
-
-fn distance(text: &str) -> Result<f32, String> {
-    number(text, 1.2, 1000.0)
+    units::number(text, -30.0, 30.0)
 }
 
 #[cfg(test)]

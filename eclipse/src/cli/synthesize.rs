@@ -8,7 +8,7 @@ use std::{
 use clap::{Args, ValueEnum};
 use render::{bsdf::Model, convention::Convention, image::Image};
 
-use super::{Failure, Outcome, print, stop_on_interrupt};
+use super::{Failure, Outcome, print, stop_on_interrupt, units};
 use crate::{
     image_io::{EnvironmentOptions, Rows, read_environment, read_image},
     mesh_io::read_mesh,
@@ -66,7 +66,7 @@ pub(super) struct SynthesizeArguments {
     #[arg(long, value_name = "N", default_value_t = 128, value_parser = clap::value_parser!(u16).range(8..=4096))]
     pub resolution: u16,
     /// Distance of the cameras in bounding radii of the object.
-    #[arg(long, value_name = "D", default_value_t = 5.0, value_parser = distance)]
+    #[arg(long, value_name = "D", default_value_t = 5.0, value_parser = units::distance)]
     pub distance: f32,
     /// Standard deviation of the sensor's noise at a value of ¾.
     #[arg(long, value_name = "S", default_value_t = 0.004, value_parser = share)]
@@ -190,17 +190,5 @@ fn albedo(values: &[f32]) -> Result<[f32; 3], Failure> {
 }
 
 fn share(text: &str) -> Result<f32, String> {
-    number(text, 0.0, 1.0)
-}
-
-fn distance(text: &str) -> Result<f32, String> {
-    number(text, 1.2, 1000.0)
-}
-
-fn number(text: &str, least: f32, most: f32) -> Result<f32, String> {
-    let value = text
-        .parse()
-        .ok()
-        .filter(|value| (least..=most).contains(value));
-    value.ok_or_else(|| format!("`{text}` is not a number between {least} and {most}"))
+    units::number(text, 0.0, 1.0)
 }

@@ -76,6 +76,20 @@ pub(super) fn bytes(count: u64) -> String {
     }
 }
 
+/// A number within bounds.
+pub(super) fn number(text: &str, least: f32, most: f32) -> Result<f32, String> {
+    let value = text
+        .parse()
+        .ok()
+        .filter(|value| (least..=most).contains(value));
+    value.ok_or_else(|| format!("`{text}` is not a number between {least} and {most}"))
+}
+
+/// A distance from an object's centre, in its bounding radii.
+pub(super) fn distance(text: &str) -> Result<f32, String> {
+    number(text, 1.2, 1000.0)
+}
+
 /// A word as a shell would take it.
 pub(super) fn shell_word(word: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,+@%".contains(c);

@@ -28,57 +28,42 @@ pub struct Choice {
 }
 
 /// Who is refitted.
-pub struct Contenders {
-    /// The best physics that stands up, best first, and a capacity candidate that gains far more.
-    pub scores: Vec<Score>,
-    /// Probability of each, corrected for all candidates.
-    pub p_holm: Vec<(&'static str, f64)>,
-    /// Pairs whose gains lie within two paired standard errors of the first's.
-    pub rivals: Vec<(&'static str, &'static str)>,
+pub struct Contender {
+    /// Its score.
+    pub score: Score,
+    /// Probability corrected for all candidates.
+    pub p_holm: f64,
+    /// Physics whose gain lies within two paired standard errors of its own.
+    pub rivals: Vec<&'static str>,
 }
 
-/// The physics of a screening that stands up, at most three; `None` when there is none.
+/// The physics of a screening that stands up, at most three, best first, and a capacity candidate that gains far more.
 ///
 /// Capacity candidates have many numbers for what physics does with few. One of them takes part when it gains more than twice
 /// as much as the best physics: then the physics may be a symptom of a model that is too coarse.
-pub fn contenders(screen: &Screen) -> Option<Contenders> {
+pub fn contenders(screen: &Screen) -> Vec<Contender> {
     let p: Vec<f64> = screen.scores.iter().map(|s| s.p).collect();
     let corrected = holm(&p);
     let capacity = |s: &Score| effects::by_id(s.id).is_some_and(|e| e.is_capacity());
     let interest = |s: &Score| effects::by_id(s.id).map_or(0.0, |e| e.interest());
-    let standing: Vec<(&Score, f64)> = screen
-        .scores
-        .iter()
-        .zip(corrected)
-        .filter(|(s, p)| !capacity(s) && stands(s, *p, screen) && s.size > interest(s))
+    let candidates = || screen.scores.iter().zip(&corrected);
+    let standing: Vec<(&Score, &f64)> = candidates()
+        .filter(|(s, p)| !capacity(s) && stands(s, **p, screen) && s.size > interest(s))
         .take(CONTENDERS)
         .collect();
-    let most = standing.first()?.0.gain;
-    let rival = screen
-        .scores
-        .iter()
-        .find(|s| capacity(s) && s.gain > 2.0 * most);
-    let mut rivals = Vec::new();
-    for (best, _) in &standing {
-        let as_good = |s: &&Score| s.id != best.id && !capacity(s) && within(best, s);
-        rivals.extend(
-            screen
-                .scores
-                .iter()
-                .filter(as_good)
-                .map(|s| (best.id, s.id)),
-        );
-    }
-    Some(Contenders {
-        p_holm: standing.iter().map(|(s, p)| (s.id, *p)).collect(),
-        scores: standing
+    let most = standing.first().map_or(f64::INFINITY, |(s, _)| s.gain);
+    let finer = candidates().find(|(s, _)| capacity(s) && s.gain > 2.0 * most);
+    let contender = |(score, p_holm): (&Score, &f64)| Contender {
+        score: score.clone(),
+        p_holm: *p_holm,
+        rivals: screen
+            .scores
             .iter()
-            .map(|(s, _)| *s)
-            .chain(rival)
-            .cloned()
+            .filter(|s| s.id != score.id && !capacity(s) && within(score, s))
+            .map(|s| s.id)
             .collect(),
-        rivals,
-    })
+    };
+    standing.into_iter().chain(finer).map(contender).collect()
 }
 
 /// Whether the difference of two gains is less than two standard errors of it.

@@ -132,9 +132,10 @@ pub fn diagnose<'a>(
         if found.len() >= MOST_EFFECTS || (late && !found.is_empty()) {
             break;
         }
-        let Some(contenders) = compete::contenders(&result) else {
+        let contenders = compete::contenders(&result);
+        if contenders.is_empty() {
             break;
-        };
+        }
         let refitted = Instant::now();
         let round = refit::round(&study, fit, contenders, &|text| report(text))?;
         seconds.insert(

@@ -263,20 +263,21 @@ impl Fit {
     /// Sets all numbers of single frames to zero: before another effect joins, what only stood in for it must not stay.
     pub fn forget_frames(&mut self) {
         for active in &mut self.active {
-            let link = self
-                .links
-                .iter()
-                .find(|link| link.effect.id() == active.effect.id());
-            for (beta, term) in active
+            let own = |link: &&Link| link.effect.id() == active.effect.id();
+            let terms = self.links.iter().find(own).map(|link| link.terms.clone());
+            let numbers = active
                 .beta
                 .iter_mut()
-                .zip(link.iter().flat_map(|l| l.terms.iter()))
-            {
-                if term.frame.is_some() {
-                    *beta = 0.0;
-                }
-            }
+                .zip(terms.iter().flat_map(|t| t.iter()));
+            numbers
+                .filter(|(_, term)| term.frame.is_some())
+                .for_each(|(beta, _)| *beta = 0.0);
         }
+    }
+
+    /// The terms of an effect in the model, as they were when it was last linearised.
+    pub fn link(&self, id: &str) -> Option<&Link> {
+        self.links.iter().find(|link| link.effect.id() == id)
     }
 
     /// Fields of the active effects for the model as it stands.

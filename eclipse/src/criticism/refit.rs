@@ -4,7 +4,7 @@
 //! tells. All refits, that of the model as it is among them, take the same steps and are judged by one covariance.
 
 use super::{
-    compete::{Choice, Contenders},
+    compete::{Choice, Contender},
     diagnose::DiagnoseError,
     effects::{self, Term},
     fit::Fit,
@@ -15,17 +15,6 @@ use super::{
 /// Steps of a refit: with fewer, effects that light can imitate have not parted from it.
 pub const STEPS: usize = 12;
 
-/// A model with one effect more.
-pub struct Refit {
-    /// The effect's score on screening.
-    pub score: Score,
-    /// The model.
-    pub fit: Fit,
-    /// Twice the logarithm of the evidence it adds, in units of χ²: the gain over the model without it refitted just as long, less
-    /// what its numbers cost.
-    pub evidence: f64,
-}
-
 /// What refits say.
 pub struct Round {
     /// The model without any effect more, refitted just as long.
@@ -33,6 +22,9 @@ pub struct Round {
     /// The effect to be added with its model; `None` when none stands up.
     pub winner: Option<(Choice, Fit)>,
     /// Every refit's effect and evidence, best first.
+    ///
+    /// Evidence is twice a logarithm, in units of χ²: the gain over the model without the effect refitted just as long, less what
+    /// its numbers cost.
     pub evidence: Vec<(&'static str, f64)>,
 }
 
@@ -43,7 +35,7 @@ pub struct Round {
 pub fn round(
     study: &Study<'_>,
     fit: &Fit,
-    contenders: Contenders,
+    contenders: Vec<Contender>,
     report: &dyn Fn(&str) -> Result<(), DiagnoseError>,
 ) -> Result<Round, DiagnoseError> {
     report("refit without any further effect")?;
@@ -51,7 +43,8 @@ pub fn round(
     null.refine(study, STEPS)?;
     let before = null.cost_by(study, &null);
     let mut refits = Vec::new();
-    for score in contenders.scores {
+    for contender in contenders {
+        let score = &contender.score;
         report(&format!("refit with {}", score.id))?;
         let effect =
             effects::by_id(score.id).ok_or_else(|| DiagnoseError::Unknown(score.id.to_owned()))?;
@@ -60,38 +53,28 @@ pub fn round(
         with.add(effect, score.beta.clone());
         with.refine(study, STEPS)?;
         let gain = 2.0 * (before - with.cost_by(study, &null)) + unusual(&null) - unusual(&with);
-        let evidence = gain - price(&with, &score);
+        let evidence = gain - price(&with, score);
         tracing::debug!(id = score.id, gain, evidence, "refit");
-        refits.push(Refit {
-            score,
-            fit: with,
-            evidence,
-        });
+        refits.push((contender, with, evidence));
     }
-    refits.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    refits.sort_by(|a, b| b.2.total_cmp(&a.2));
     let evidence: Vec<(&'static str, f64)> =
-        refits.iter().map(|r| (r.score.id, r.evidence)).collect();
-    let best = refits.into_iter().next().filter(|best| {
+        refits.iter().map(|(c, _, e)| (c.score.id, *e)).collect();
+    let best = refits.into_iter().next().filter(|(best, _, evidence)| {
         // More freedom for what the model has already explains it best: no physics is needed.
-        best.evidence > 0.0 && !effects::by_id(best.score.id).is_some_and(|e| e.is_capacity())
+        *evidence > 0.0 && !effects::by_id(best.score.id).is_some_and(|e| e.is_capacity())
     });
-    let winner = best.map(|best| {
+    let winner = best.map(|(best, fit, most)| {
         let as_good = |id: &&'static str| {
             let other = evidence.iter().find(|(other, _)| other == id);
-            other.is_some_and(|(_, e)| *e > 0.5 * best.evidence)
+            other.is_some_and(|(_, e)| *e > 0.5 * most)
         };
-        let rivals = contenders.rivals.iter();
-        let rivals = rivals.filter(|(of, _)| *of == best.score.id);
         let choice = Choice {
-            p_holm: contenders
-                .p_holm
-                .iter()
-                .find(|(id, _)| *id == best.score.id)
-                .map_or(1.0, |(_, p)| *p),
-            ambiguous_with: rivals.map(|(_, id)| *id).filter(as_good).collect(),
+            p_holm: best.p_holm,
+            ambiguous_with: best.rivals.into_iter().filter(as_good).collect(),
             score: best.score,
         };
-        (choice, best.fit)
+        (choice, fit)
     });
     Ok(Round {
         null,
@@ -103,7 +86,7 @@ pub fn round(
 /// How far the effects' numbers are from what is usual, in standard deviations, squared.
 fn unusual(fit: &Fit) -> f64 {
     let numbers = fit.active.iter().filter_map(|active| {
-        let link = (fit.links.iter()).find(|link| link.effect.id() == active.effect.id())?;
+        let link = fit.link(active.effect.id())?;
         Some(link.terms.iter().zip(&active.beta))
     });
     numbers
@@ -115,7 +98,7 @@ fn unusual(fit: &Fit) -> f64 {
 /// What an effect's numbers cost beyond that: how much of their range the data rule out (the logarithm of Occam's factor in
 /// Laplace's approximation, number by number; MacKay, Neural Computation 4, 1992).
 fn price(fit: &Fit, score: &Score) -> f64 {
-    let Some(link) = fit.links.iter().find(|l| l.effect.id() == score.id) else {
+    let Some(link) = fit.link(score.id) else {
         return f64::INFINITY;
     };
     let price = |(k, term): (usize, &Term)| {

@@ -147,25 +147,15 @@ impl<'a> Bench<'a> {
         if let Some(solved) = self.solved.borrow().get(&key) {
             return Ok(Rc::clone(solved));
         }
-        let solved = Rc::new(self.fresh(trial, occluders, seed, self.seconds())?);
+        let solved = Rc::new(self.fresh(trial, occluders, seed)?);
         let mut all = self.solved.borrow_mut();
         all.insert(key, Rc::clone(&solved));
         Ok(solved)
     }
 
-    /// A reconstruction that no other study asks for.
-    ///
-    /// # Errors
-    /// As [`solve`](Self::solve).
-    pub fn fresh(
-        &self,
-        trial: &Trial,
-        occluders: bool,
-        seed: u64,
-        seconds: f64,
-    ) -> Result<Solved, StudyError> {
+    fn fresh(&self, trial: &Trial, occluders: bool, seed: u64) -> Result<Solved, StudyError> {
         let settings = Settings {
-            time_limit: Some(seconds),
+            time_limit: Some(self.seconds()),
             seed,
             threads: self.threads,
             occluders,

@@ -75,12 +75,12 @@ impl Row {
             let light = &trial.light.data[3 * texel..][..3];
             let light = f64::from(light.iter().sum::<f32>()) / 3.0;
             let (mut among, mut blocked, mut mean) = (0.0, 0usize, 0.0);
-            for (frame, truth) in truth.iter().enumerate() {
-                let passes = at(truth, texel);
+            for (frame, mask) in truth.iter().enumerate() {
+                let passes = at(mask, texel);
                 let found = solved.found.occluders.get(frame);
                 let found = found.map_or(1.0, |mask| at(mask, texel));
                 let error = (found - passes).abs();
-                mean += error / truth_count(trial);
+                mean += error / truth.len() as f64;
                 if passes < 0.5 {
                     among += error;
                     blocked += 1;
@@ -106,10 +106,6 @@ impl Row {
             map,
         }
     }
-}
-
-fn truth_count(trial: &Trial) -> f64 {
-    trial.truth.occluders.as_ref().map_or(1, Vec::len) as f64
 }
 
 /// Spearman's correlation: of ranks, equal values sharing their mean rank.

@@ -2,22 +2,18 @@
 
 use std::{f32::consts::PI, path::Path};
 
-use render::{bsdf::Model, image::Image, lat_long::LatLong};
+use render::{image::Image, lat_long::LatLong};
 
-use super::{StudyError, bench::Bench};
+use super::StudyError;
 use crate::{
     capture::{Capture, LoadOptions},
-    evaluate::{
-        self, Estimate, Evaluation, Truth, environment,
-        materials::{Specular, TrueAlbedo},
-    },
+    evaluate::{self, Estimate, Evaluation, Truth, environment},
     reconstruction::Reconstruction,
-    synthesize::{self, Scene, Shooting},
 };
 
 /// A capture and its truth.
 pub struct Trial {
-    /// The folder's name, or what was made.
+    /// The folder's name.
     pub name: String,
     /// The photographs.
     pub capture: Capture,
@@ -35,56 +31,14 @@ impl Trial {
     pub fn load(folder: &Path) -> Result<Self, StudyError> {
         let truth = evaluate::truth(&folder.join("truth"))?;
         let name = folder.file_name().unwrap_or_default();
-        Self {
-            name: name.to_string_lossy().into_owned(),
+        let name = name.to_string_lossy().into_owned();
+        let light = truth.environment.clone();
+        Ok(Self {
+            light: light.ok_or_else(|| StudyError::NoLight(name.clone()))?,
             capture: Capture::load(folder, &LoadOptions::default())?,
-            light: Image::filled(0, 0, 3, 0.0),
+            name,
             truth,
-        }
-        .lit()
-    }
-
-    /// Photographs a scene.
-    ///
-    /// # Errors
-    /// A scene that cannot be photographed, or the caller's stop.
-    pub fn synthetic(
-        bench: &Bench<'_>,
-        name: &str,
-        scene: &Scene,
-        shooting: &Shooting,
-    ) -> Result<Self, StudyError> {
-        let stopped = || bench.stop.load(std::sync::atomic::Ordering::Relaxed);
-        let made = synthesize::synthesize(scene, shooting, |_| !stopped())?;
-        let masks = made.capture.frames.iter().map(|frame| &frame.mask);
-        let albedo = made.albedo.into_iter().zip(masks);
-        let truth = Truth {
-            environment: Some(scene.environment.clone()),
-            occluders: (!made.occluders.is_empty()).then_some(made.occluders),
-            albedo: albedo
-                .map(|(albedo, mask)| TrueAlbedo {
-                    object: mask.data.iter().map(|&covered| covered >= 0.999).collect(),
-                    albedo,
-                })
-                .collect(),
-            specular: (scene.model != Model::Lambertian).then_some(Specular {
-                alpha: f64::from(scene.alpha),
-                kappa: f64::from(scene.kappa),
-            }),
-        };
-        Self {
-            name: name.to_owned(),
-            capture: made.capture,
-            light: Image::filled(0, 0, 3, 0.0),
-            truth,
-        }
-        .lit()
-    }
-
-    fn lit(mut self) -> Result<Self, StudyError> {
-        let light = self.truth.environment.clone();
-        self.light = light.ok_or_else(|| StudyError::NoLight(self.name.clone()))?;
-        Ok(self)
+        })
     }
 
     /// Whether somebody stood in the light.

@@ -15,16 +15,18 @@ fn read(folder: &Folder) -> Option<Result<Source, CaptureError>> {
     let path = folder.path().join("transforms_train.json");
     path.exists().then(|| {
         let transforms = read_file(&path)?;
-        let mut left_out = 0;
-        for split in ["transforms_val.json", "transforms_test.json"] {
-            let path = folder.path().join(split);
-            if path.exists() {
-                left_out += read_file(&path)?.frames.len();
-            }
-        }
         Ok(Source {
-            left_out,
+            left_out: frames_of(folder, ["transforms_val.json", "transforms_test.json"])?,
             ..source(&path, transforms)
         })
     })
+}
+
+/// How many frames these files have, as far as they are there.
+pub(super) fn frames_of(folder: &Folder, splits: [&str; 2]) -> Result<usize, CaptureError> {
+    let paths = splits.map(|split| folder.path().join(split)).into_iter();
+    let counts = paths
+        .filter(|path| path.exists())
+        .map(|path| Ok(read_file(&path)?.frames.len()));
+    counts.sum()
 }

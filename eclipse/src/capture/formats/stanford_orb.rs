@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use super::{Format, Source, nerfstudio::read_file, source};
+use super::{Format, Source, blender_splits::frames_of, nerfstudio::read_file, source};
 use crate::capture::{CaptureError, paths::Folder};
 
 pub(super) const FORMAT: Format = Format {
@@ -23,15 +23,8 @@ fn read(folder: &Folder) -> Option<Result<Source, CaptureError>> {
                 frame.mask_path = Some(mask);
             }
         }
-        let mut left_out = 0;
-        for split in ["transforms_test.json", "transforms_novel.json"] {
-            let path = folder.path().join(split);
-            if path.exists() {
-                left_out += read_file(&path)?.frames.len();
-            }
-        }
         Ok(Source {
-            left_out,
+            left_out: frames_of(folder, ["transforms_test.json", "transforms_novel.json"])?,
             ..source(&path, transforms)
         })
     })
