@@ -1,14 +1,16 @@
 //! Transport rows: how much each texel of the environment lights a surface point, by quadrature over the grid.
 //!
 //! For a diffuse surface the radiance towards any camera is ρ/π Σ_texel weight · L · M: the weights depend on the shape
-//! alone and serve every frame and every iteration.
+//! alone and serve every frame and every iteration. Light between texels' centres is interpolated bilinearly, as everywhere: a
+//! texel lights through the tent about its centre, two texels wide. Taken as constant over its own square instead, a sun of
+//! few texels would be found blurred.
 
 use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::bvh::{Bvh, SurfacePoint, offset_origin};
 use crate::camera::Camera;
-use crate::lat_long::LatLong;
+use crate::lat_long::{Bilinear, LatLong};
 use crate::occluder::mask_lookup;
 
 /// The nonzero entries of a row of the transport operator.
@@ -16,7 +18,7 @@ use crate::occluder::mask_lookup;
 pub struct TransportRow {
     /// Texels, ascending.
     pub texel: Vec<u16>,
-    /// ∫ visibility · (n·ω)₊ dω over each texel, in steradians: a bare plane's row sums to π.
+    /// ∫ visibility · (n·ω)₊ · tent dω of each texel, in steradians: a bare plane's row sums to π.
     pub weight: Vec<f32>,
 }
 
@@ -36,6 +38,8 @@ pub struct Quadrature {
     side: usize,
     /// `[texel][ray]`.
     directions: Vec<Vec3>,
+    /// Between which texels' centres each ray lies, `[texel][ray]`.
+    tents: Vec<Bilinear>,
     /// `[texel]`.
     centres: Vec<Vec3>,
     /// `[row][ray]`, steradians.
@@ -54,6 +58,7 @@ impl Quadrature {
         );
         let place = |k: usize| (k as f32 + 0.5) / side as f32;
         let mut directions = Vec::with_capacity(grid.len() * side * side);
+        let mut tents = Vec::with_capacity(grid.len() * side * side);
         let mut solid_angles = Vec::with_capacity(grid.rows * side * side);
         for row in 0..grid.rows {
             for s in 0..side * side {
@@ -63,10 +68,11 @@ impl Quadrature {
             }
             for column in 0..grid.columns {
                 for s in 0..side * side {
-                    directions.push(grid.direction_within(
-                        row,
-                        column,
-                        [place(s % side), place(s / side)],
+                    let [across, down] = [place(s % side), place(s / side)];
+                    directions.push(grid.direction_within(row, column, [across, down]));
+                    tents.push(grid.bilinear_at(
+                        (column as f32 + across) / grid.columns as f32,
+                        (row as f32 + down) / grid.rows as f32,
                     ));
                 }
             }
@@ -78,6 +84,7 @@ impl Quadrature {
             grid,
             side,
             directions,
+            tents,
             centres,
             solid_angles,
         }
@@ -96,6 +103,14 @@ impl Quadrature {
     /// The direction of ray `ray` of a texel.
     pub fn direction(&self, texel: usize, ray: usize) -> Vec3 {
         self.directions[texel * self.rays() + ray]
+    }
+
+    /// Adds what comes along ray `ray` of a texel, `amount`, to the texels whose light it is: `dense` is `[texel]`.
+    pub fn spread(&self, texel: usize, ray: usize, amount: f32, dense: &mut [f32]) {
+        let tent = &self.tents[texel * self.rays() + ray];
+        for (index, weight) in tent.index.iter().zip(tent.weight) {
+            dense[*index as usize] += weight * amount;
+        }
     }
 
     /// The solid angle (sr) that a ray of a texel stands for.
@@ -183,9 +198,10 @@ impl Quadrature {
             if agreed == Some(false) {
                 continue;
             }
-            for (direction, solid_angle) in directions.iter().zip(solid_angles) {
+            for (ray, (direction, solid_angle)) in directions.iter().zip(solid_angles).enumerate() {
                 if above(*direction) && (agreed.is_some() || !bvh.blocked(origin, *direction)) {
-                    dense[texel] += scale * point.normal.dot(*direction) * solid_angle;
+                    let cosine = point.normal.dot(*direction);
+                    self.spread(texel, ray, scale * cosine * solid_angle, dense);
                 }
             }
         }
@@ -293,6 +309,28 @@ mod tests {
         let walled: f32 = row.weight.iter().sum();
         assert!((walled / open - 0.5).abs() < 0.01, "{walled}");
         assert!(row.texel.windows(2).all(|w| w[0] < w[1]));
+    }
+
+    #[test]
+    fn a_row_gives_what_rays_through_interpolated_light_give() {
+        let grid = LatLong::new(10, 20);
+        let quadrature = Quadrature::new(grid, 2);
+        let bvh = scene(true);
+        let light: Vec<f32> = (0..grid.len()).map(|i| (i * i % 23) as f32).collect();
+        let row = quadrature.row(&bvh, &POINT);
+        let lit = row.texel.iter().zip(&row.weight);
+        let found: f32 = lit.map(|(&t, w)| light[usize::from(t)] * w).sum();
+        let mut expected = 0.0;
+        for (texel, ray) in (0..grid.len()).flat_map(|t| (0..4).map(move |r| (t, r))) {
+            let direction = quadrature.direction(texel, ray);
+            let cosine = POINT.normal.dot(direction);
+            if cosine > 0.0 && !bvh.blocked(offset_origin(&POINT), direction) {
+                expected += cosine
+                    * quadrature.solid_angle(texel, ray)
+                    * grid.bilinear(direction).gather(&light);
+            }
+        }
+        assert!((found / expected - 1.0).abs() < 0.02, "{found} {expected}");
     }
 
     #[test]

@@ -246,6 +246,8 @@ pub fn reflect(lobe: Option<Lobe>, normal: Vec3, incident: Vec3, outgoing: Vec3)
     let Some(lobe) = lobe else {
         return (FRAC_1_PI, 0.0);
     };
+    // A tent of light reaches above the horizon from a centre below it.
+    let incident = just_seen(normal, incident);
     match Cosines::new(normal, incident, just_seen(normal, outgoing)) {
         Some(cosines) => {
             let (factor, specular) = microfacet(cosines, lobe.alpha, lobe.kappa);

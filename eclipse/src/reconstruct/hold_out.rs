@@ -121,7 +121,7 @@ impl<'a> Held<'a> {
             .sky
             .at(shared.mask_grid(), occluders)?
             .expect("frames of their own have masks");
-        let residual = data.residuals(&at.masks);
+        let residual = data.residuals(&at.passed);
         Ok(Self {
             data,
             sky: &shared.sky,
@@ -169,7 +169,7 @@ impl Linearisation for Held<'_> {
 
     fn vjp(&mut self, w: &[f32]) -> Vec<f32> {
         let masks = self.data.received_transpose(w);
-        let all = self.sky.pull(&mut self.at, &masks);
+        let all = self.sky.pull(&mut self.at, masks);
         self.own_values(&all)
     }
 }

@@ -19,6 +19,7 @@ pub mod shell;
 pub mod sites;
 pub mod sky;
 pub mod surface;
+pub mod tent;
 pub mod transport;
 
 pub use run::{ReconstructError, memory, photometric, run};

@@ -13,8 +13,8 @@ use autodiff::{GraphError, Program, RunError, Sizes, Workspace};
 use render::{lat_long::LatLong, pyramid::Pyramid};
 
 pub use at::At;
-pub(super) use fixed::mask_grid;
 use fixed::{Fixed, grouped};
+pub(super) use fixed::{MASK_SIDE, mask_grid};
 use tape::{CORNERS, WEIGHTS, coefficient, named, record};
 
 use super::{
@@ -170,7 +170,7 @@ impl Shared {
     pub fn linearise(&self, z: &[f32]) -> Result<(At<'_>, Vec<f32>), RunError> {
         let [environment, occluders] = self.ranges();
         let sky = self.sky.at(self.mask_grid(), &z[occluders])?;
-        let mut ws = self.bind(&z[environment], sky.as_ref().map(|at| at.masks.as_slice()))?;
+        let mut ws = self.bind(&z[environment], sky.as_ref().map(|at| at.passed.as_slice()))?;
         let (half, ones) = (vec![0.5; self.albedos()], vec![1.0; self.albedos()]);
         ws.set("albedo", &half)?;
         self.program.jvp(&mut ws, &[("albedo", &ones)])?;

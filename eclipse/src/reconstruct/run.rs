@@ -359,8 +359,14 @@ impl Run<'_> {
     /// Occluders at `z`, if modelled.
     fn masks(&self, shared: &Shared, z: &[f32]) -> Result<Option<Masks>, autodiff::RunError> {
         let share = shared.masks(z)?;
-        Ok((!share.is_empty())
-            .then(|| Masks::new(shared.mask_grid(), shared.shells.clone(), &share)))
+        Ok((!share.is_empty()).then(|| {
+            Masks::new(
+                shared.mask_grid(),
+                self.settings.grid_rows,
+                shared.shells.clone(),
+                share,
+            )
+        }))
     }
 
     /// Materials, images, scores and remarks.

@@ -11,7 +11,10 @@ use render::{
     transport::TransportRow,
 };
 
-use super::shell::{Group, Shells};
+use super::{
+    shell::{Group, Shells},
+    tent::soften,
+};
 
 /// Unseen occluders, as plain numbers.
 #[derive(Clone, Debug)]
@@ -19,29 +22,42 @@ pub struct Masks {
     grid: LatLong,
     shells: Shells,
     /// Transmittance, group by group of frames `[texel][frame of the group]`.
-    share: Vec<Vec<f32>>,
+    transmittance: Vec<Vec<f32>>,
+    /// The same as the light of each texel meets it.
+    passed: Vec<Vec<f32>>,
 }
 
 impl Masks {
-    /// Of transmittances `[texel][frame]` on `grid`, painted on these surfaces.
-    pub fn new(grid: LatLong, shells: Shells, share: &[f32]) -> Self {
-        let columns = |group: &Group| {
-            let of_texel = share.chunks_exact(shells.frames());
-            of_texel
-                .flat_map(|all| group.frames.iter().map(|&t| all[t]))
-                .collect()
+    /// Of transmittances `[texel][frame]` on `grid`, painted on these surfaces, before light on a grid of `light_rows`.
+    pub fn new(grid: LatLong, light_rows: usize, shells: Shells, transmittance: Vec<f32>) -> Self {
+        let by_group = |share: &[f32]| -> Vec<Vec<f32>> {
+            let columns = |group: &Group| {
+                let of_texel = share.chunks_exact(shells.frames());
+                of_texel
+                    .flat_map(|all| group.frames.iter().map(|&t| all[t]))
+                    .collect()
+            };
+            shells.groups.iter().map(columns).collect()
         };
+        let sharp = by_group(&transmittance);
+        let mut passed = transmittance;
+        soften(grid, light_rows, shells.frames(), &mut passed);
         Self {
             grid,
-            share: shells.groups.iter().map(columns).collect(),
+            transmittance: sharp,
+            passed: by_group(&passed),
             shells,
         }
     }
 
-    /// The share of light that reaches `point` from the unit `direction`, for all frames, group by group.
-    fn lookup(&self, point: Vec3, direction: Vec3, share: &mut [f32]) {
+    /// The share of a texel's light from the unit `direction` that reaches `point`, for all frames, group by group.
+    fn passed(&self, point: Vec3, direction: Vec3, share: &mut [f32]) {
+        self.lookup(&self.passed, point, direction, share);
+    }
+
+    fn lookup(&self, of: &[Vec<f32>], point: Vec3, direction: Vec3, share: &mut [f32]) {
         let mut rest = share;
-        for (group, masks) in self.shells.groups.iter().zip(&self.share) {
+        for (group, masks) in self.shells.groups.iter().zip(of) {
             let around = group.shell.lookup(self.grid, point, direction);
             let count = group.frames.len();
             let (own, others) = rest.split_at_mut(count);
@@ -63,7 +79,7 @@ impl Masks {
         let order = self.shells.order();
         for texel in 0..to.len() {
             let direction = to.texel_direction(texel / to.columns, texel % to.columns);
-            self.lookup(Vec3::ZERO, direction, &mut share);
+            self.lookup(&self.transmittance, Vec3::ZERO, direction, &mut share);
             for (&frame, &share) in order.iter().zip(&share) {
                 images[frame].data[texel] = share;
             }
@@ -129,7 +145,7 @@ impl Scene<'_> {
             let columns = self.grid.columns;
             let direction = self.grid.texel_direction(texel / columns, texel % columns);
             if let Some(occluders) = self.occluders {
-                occluders.lookup(place.position, direction, &mut share);
+                occluders.passed(place.position, direction, &mut share);
             }
             let light: [f32; 3] = std::array::from_fn(|c| weight * self.radiance[3 * texel + c]);
             let brightness: f32 = light.iter().sum();
@@ -152,7 +168,8 @@ impl Scene<'_> {
             }
             lit.add(
                 lobe,
-                place.normal.dot(direction),
+                // A tent reaches above the horizon from a centre below it.
+                place.normal.dot(direction).max(0.0),
                 direction,
                 &outgoing,
                 &passed,
@@ -233,9 +250,6 @@ impl Lit {
         passed: &[f32],
         light: [f32; 3],
     ) {
-        if incident <= 0.0 {
-            return;
-        }
         let count = passed.len();
         let [x, y, z] = outgoing.direction.each_ref().map(|v| &v[..count]);
         let cosine = &outgoing.cosine[..count];

@@ -14,7 +14,9 @@ use render::{
 
 use super::{
     cutout::{self, Cutout, FRAME_PARAMETERS, FRAME_SD, Stand, TEXTURE},
+    model::MASK_SIDE,
     pyramid::level_deviations,
+    tent::soften,
 };
 
 /// Standard deviations of the silhouette's logit by level, finest first.
@@ -56,6 +58,9 @@ pub struct HarmonicModel {
 pub struct SkyAt {
     /// Transmittance, `[texel][frame]`.
     pub masks: Vec<f32>,
+    /// The same as the light of each texel meets it, through its tent.
+    pub passed: Vec<f32>,
+    grid: LatLong,
     /// For the cutout, which entries the tape's lanes are.
     entry: Option<Vec<u32>>,
     ws: Workspace<f32>,
@@ -118,7 +123,7 @@ impl SkyModel {
         }
     }
 
-    /// Masks on `grid` at `z`; `None` when light always passes.
+    /// Masks at `z` on `grid`, `MASK_SIDE` times as fine as that of light; `None` when light always passes.
     ///
     /// # Errors
     /// When the tape refuses what it is given, which would be a bug.
@@ -130,11 +135,11 @@ impl SkyModel {
         }
     }
 
-    /// The change of the masks along `v`.
+    /// The change along `v` of what passes.
     pub(super) fn push(&self, at: &mut SkyAt, v: &[f32]) -> Vec<f32> {
         let bug = "a direction of the model's own size";
-        match self {
-            Self::Clear => Vec::new(),
+        let mut change = match self {
+            Self::Clear => return Vec::new(),
             Self::Cutout(model) => {
                 let (silhouette, frames) = v.split_at(model.pyramid.len());
                 model
@@ -161,11 +166,15 @@ impl SkyModel {
                     .expect("an output of the model")
                     .to_vec()
             }
-        }
+        };
+        at.soften(&mut change);
+        change
     }
 
-    /// The gradient of what has the gradient `masks` with respect to the masks.
-    pub(super) fn pull(&self, at: &mut SkyAt, masks: &[f32]) -> Vec<f32> {
+    /// The gradient of what has the gradient `passed` with respect to what passes.
+    pub(super) fn pull(&self, at: &mut SkyAt, mut passed: Vec<f32>) -> Vec<f32> {
+        at.soften(&mut passed);
+        let masks = passed;
         let bug = "a cotangent of the model's own size";
         match self {
             Self::Clear => Vec::new(),
@@ -188,7 +197,7 @@ impl SkyModel {
             Self::Harmonics(model) => {
                 model
                     .program
-                    .vjp_with(&mut at.ws, &[("mask", masks)])
+                    .vjp_with(&mut at.ws, &[("mask", &masks)])
                     .expect(bug);
                 at.ws.gradient("harmonics").expect("a parameter").to_vec()
             }
@@ -203,6 +212,27 @@ impl SkyModel {
             Self::Harmonics(model) => model.logits(v),
         };
         logits.iter().fold(0.0, |m, x| m.max(x.abs()))
+    }
+}
+
+impl SkyAt {
+    fn new(grid: LatLong, masks: Vec<f32>, entry: Option<Vec<u32>>, ws: Workspace<f32>) -> Self {
+        let mut at = Self {
+            passed: masks.clone(),
+            masks,
+            grid,
+            entry,
+            ws,
+        };
+        let mut passed = std::mem::take(&mut at.passed);
+        at.soften(&mut passed);
+        Self { passed, ..at }
+    }
+
+    /// The operator from transmittance to what passes, which is its own transpose.
+    fn soften(&self, values: &mut [f32]) {
+        let frames = values.len() / self.grid.len();
+        soften(self.grid, self.grid.rows / MASK_SIDE, frames, values);
     }
 }
 
@@ -263,11 +293,7 @@ impl CutoutModel {
         for (&entry, opacity) in sky.entry.iter().zip(ws.output("opacity")?) {
             masks[entry as usize] = 1.0 - opacity;
         }
-        Ok(SkyAt {
-            masks,
-            entry: Some(sky.entry),
-            ws,
-        })
+        Ok(SkyAt::new(grid, masks, Some(sky.entry), ws))
     }
 }
 
@@ -293,11 +319,8 @@ impl HarmonicModel {
         ws.set("harmonics", z)?;
         ws.set("deviation", &self.deviation)?;
         self.program.forward(&mut ws)?;
-        Ok(SkyAt {
-            masks: ws.output("mask")?.to_vec(),
-            entry: None,
-            ws,
-        })
+        let masks = ws.output("mask")?.to_vec();
+        Ok(SkyAt::new(grid, masks, None, ws))
     }
 }
 

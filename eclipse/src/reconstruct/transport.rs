@@ -8,7 +8,7 @@ use super::patches::Patch;
 
 /// Cosine-weighted visible solid angle over π of every texel, `[patch][texel]`; a bare plane's row sums to one.
 ///
-/// The mean over a patch's members; each member casts one ray a texel, and the members take the texel's rays in turn.
+/// A texel's share is through its tent, as in [`Quadrature`]. The mean over a patch's members; each member casts one ray a texel, and the members take the texel's rays in turn.
 pub fn rows(bvh: &Bvh, quadrature: &Quadrature, patches: &[Patch]) -> Vec<f32> {
     let grid = quadrature.grid();
     let mut rows = vec![0.0f32; patches.len() * grid.len()];
@@ -19,13 +19,14 @@ pub fn rows(bvh: &Bvh, quadrature: &Quadrature, patches: &[Patch]) -> Vec<f32> {
                 quadrature.rays() as f32 / (patch.members.len() as f32 * std::f32::consts::PI);
             for (m, member) in patch.members.iter().enumerate() {
                 let origin = render::bvh::offset_origin(member);
-                for (texel, sum) in row.iter_mut().enumerate() {
+                for texel in 0..grid.len() {
                     let ray = (m + texel) % quadrature.rays();
                     let direction: Vec3 = quadrature.direction(texel, ray);
                     let cosine = member.normal.dot(direction);
                     let above = cosine > 0.0 && member.geometric_normal.dot(direction) > 0.0;
                     if above && !bvh.blocked(origin, direction) {
-                        *sum += share * cosine * quadrature.solid_angle(texel, ray);
+                        let amount = share * cosine * quadrature.solid_angle(texel, ray);
+                        quadrature.spread(texel, ray, amount, row);
                     }
                 }
             }

@@ -124,7 +124,7 @@ impl Linearisation for At<'_> {
                     group.frames.iter().zip(from).for_each(|(&t, &m)| to[t] = m);
                 }
             }
-            z.extend(self.shared.sky.pull(sky, &masks));
+            z.extend(self.shared.sky.pull(sky, masks));
         }
         z
     }

@@ -11,7 +11,7 @@ use super::super::{
 };
 
 /// Texels of a mask along the side of one of light.
-const MASK_SIDE: usize = 2;
+pub(in crate::reconstruct) const MASK_SIDE: usize = 2;
 
 /// Inputs of the tape, bound without copies.
 pub(super) struct Fixed {
