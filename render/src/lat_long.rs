@@ -36,6 +36,14 @@ impl Bilinear {
             .map(|k| self.weight[k] * table[self.index[k] as usize])
             .sum()
     }
+
+    /// Adds `amount` to the table's entries by their weights: the transpose of [`gather`](Self::gather).
+    #[inline]
+    pub fn scatter(&self, amount: f32, table: &mut [f32]) {
+        for (index, weight) in self.index.iter().zip(self.weight) {
+            table[*index as usize] += weight * amount;
+        }
+    }
 }
 
 impl LatLong {

@@ -107,10 +107,7 @@ impl Quadrature {
 
     /// Adds what comes along ray `ray` of a texel, `amount`, to the texels whose light it is: `dense` is `[texel]`.
     pub fn spread(&self, texel: usize, ray: usize, amount: f32, dense: &mut [f32]) {
-        let tent = &self.tents[texel * self.rays() + ray];
-        for (index, weight) in tent.index.iter().zip(tent.weight) {
-            dense[*index as usize] += weight * amount;
-        }
+        self.tents[texel * self.rays() + ray].scatter(amount, dense);
     }
 
     /// The solid angle (sr) that a ray of a texel stands for.

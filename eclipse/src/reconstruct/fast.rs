@@ -3,16 +3,17 @@
 use std::time::Instant;
 
 use autodiff::GraphError;
-use render::{bvh::Bvh, lat_long::LatLong, transport::Quadrature};
+use render::{bvh::Bvh, lat_long::LatLong};
 
 use super::{
     cutout::Stand,
+    detail,
     least_squares::{self, Linearisation, StepOptions},
     model::{At, Shared, mask_grid},
     patches::{Observations, PatchOptions},
     shell::Shells,
     sky::SkyModel,
-    transport,
+    surface::Surface,
 };
 use crate::{capture::Frame, reconstruction::Noise, settings::OccluderPrior};
 
@@ -72,12 +73,13 @@ pub struct Problem<'a> {
     pub threads: usize,
 }
 
-/// Prepares a stage.
+/// Prepares a stage on patches of `surface`.
 ///
 /// # Errors
 /// When the tape does not compile, which would be a bug.
 pub fn prepare(
     problem: &Problem<'_>,
+    surface: &Surface,
     stage: &Stage,
     used: &(dyn Fn(usize, u32) -> bool + Sync),
 ) -> Result<(Observations, Shared), GraphError> {
@@ -95,9 +97,9 @@ pub fn prepare(
         problem.seed,
         used,
     );
-    let quadrature = Quadrature::new(LatLong::new(stage.rows, 2 * stage.rows), 2);
-    let rows = transport::rows(problem.bvh, &quadrature, &observations.patches);
-    let grid = quadrature.grid();
+    let grid = LatLong::new(stage.rows, 2 * stage.rows);
+    let of_site = detail::patch_of_site(surface, &observations);
+    let rows = surface.rows_of(problem.bvh, grid, &observations.patches, &of_site);
     let cameras = || frames.iter().map(|f| &f.camera);
     let (sky, shells) = match problem.occluders {
         None => (SkyModel::Clear, Shells::spheres(cameras())),

@@ -110,7 +110,7 @@ pub fn run(
         stage.rows = stage.rows.min(settings.grid_rows);
         stage.patches = stage.patches.min(plan.patches);
         run.report("visibility of the surface", f64::NAN, 0.0);
-        let (observations, mut shared) = fast::prepare(&problem, &stage, &used)?;
+        let (observations, mut shared) = fast::prepare(&problem, &surface, &stage, &used)?;
         if observations.views.is_empty() {
             return Err(ReconstructError::NothingToFit);
         }

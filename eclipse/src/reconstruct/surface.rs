@@ -7,13 +7,14 @@ use glam::Vec3;
 use rayon::prelude::*;
 use render::{
     bvh::{Bvh, SurfacePoint},
-    lat_long::LatLong,
+    lat_long::{Bilinear, LatLong},
     transport::{Quadrature, TransportRow},
 };
 
 use super::{
-    patches::{Observations, PatchOptions},
+    patches::{Observations, Patch, PatchOptions},
     shading::{Sample, Scene, Shade, albedo},
+    transport,
 };
 use crate::{capture::Frame, reconstruction::Noise};
 
@@ -91,6 +92,57 @@ impl Surface {
             .par_iter()
             .zip(frames)
             .map(|(&s, frames)| scene.shade(&self.places[s], &self.rows[s], frames))
+            .collect()
+    }
+
+    /// Transport rows of patches on `grid`, no finer than the surface's own, each the mean over the sites that `patch_of_site`
+    /// says are part of it; `[patch][texel]` as of [`transport::rows`], which serves patches without a site.
+    ///
+    /// What patches say of a change of light is then what the sites say, to the accuracy of hundreds of rays a texel: of a sun
+    /// of one texel, the few rays of a patch's own would know little.
+    pub fn rows_of(
+        &self,
+        bvh: &Bvh,
+        grid: LatLong,
+        patches: &[Patch],
+        patch_of_site: &[u32],
+    ) -> Vec<f32> {
+        let pixels = |site: usize| -> f32 {
+            let views = &self.seen.views[self.views(site)];
+            views.iter().map(|view| view.pixels as f32).sum()
+        };
+        let mut members: Vec<Vec<(usize, f32)>> = vec![Vec::new(); patches.len()];
+        for (site, &patch) in patch_of_site.iter().enumerate() {
+            if patch != u32::MAX {
+                members[patch as usize].push((site, pixels(site)));
+            }
+        }
+        let tents: Vec<Bilinear> = (0..self.grid.len())
+            .map(|t| {
+                let (row, column) = (t / self.grid.columns, t % self.grid.columns);
+                grid.bilinear(self.grid.texel_direction(row, column))
+            })
+            .collect();
+        let quadrature = Quadrature::new(grid, 2);
+        let row_of = |(patch, members): (&Patch, &Vec<(usize, f32)>)| {
+            let total: f32 = members.iter().map(|(_, pixels)| pixels).sum();
+            if total == 0.0 {
+                return transport::rows(bvh, &quadrature, std::slice::from_ref(patch));
+            }
+            let mut dense = vec![0.0; grid.len()];
+            for &(site, pixels) in members {
+                let share = pixels / (total * std::f32::consts::PI);
+                let row = &self.rows[site];
+                for (&texel, &weight) in row.texel.iter().zip(&row.weight) {
+                    tents[usize::from(texel)].scatter(share * weight, &mut dense);
+                }
+            }
+            dense
+        };
+        patches
+            .par_iter()
+            .zip(&members)
+            .flat_map_iter(row_of)
             .collect()
     }
 
