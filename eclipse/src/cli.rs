@@ -7,6 +7,7 @@ mod evaluate;
 mod export;
 mod inspect;
 mod man;
+mod nulls;
 mod reconstruct;
 mod relight;
 mod studies;

@@ -10,7 +10,9 @@ use clap::{Args, Subcommand};
 use serde::Deserialize;
 
 use super::{
-    Failure, Outcome, diagnose, print, stop_on_interrupt,
+    Failure, Outcome, diagnose,
+    nulls::{self, NullsArguments},
+    print, stop_on_interrupt,
     studies::{self, PaperStudy},
     units,
 };
@@ -37,6 +39,8 @@ pub(super) struct StudyArguments {
 pub(super) enum StudyCommand {
     /// Diagnoses every capture of a folder and scores the verdicts against labels.
     Mismatch(MismatchArguments),
+    /// Counts how often a diagnosis names physics where none is missing: finer texture, a coarser mesh, finer light, more noise.
+    Nulls(NullsArguments),
     #[command(flatten)]
     Paper(PaperStudy),
 }
@@ -80,6 +84,7 @@ pub(super) fn run(
 ) -> Result<Outcome, Failure> {
     let arguments = match &arguments.command {
         StudyCommand::Mismatch(arguments) => arguments,
+        StudyCommand::Nulls(arguments) => return nulls::run(arguments, out, err),
         StudyCommand::Paper(study) => return studies::run(study, out, err),
     };
     let bytes = read_limited(&arguments.labels, MAX_LABELS).map_err(|error| {

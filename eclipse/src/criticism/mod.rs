@@ -14,6 +14,7 @@ pub mod linear;
 pub mod linearise;
 pub mod locate;
 pub mod maps;
+pub mod nulls;
 pub mod observe;
 pub mod oracle;
 pub mod page;

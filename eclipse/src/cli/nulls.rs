@@ -1,0 +1,195 @@
+//! `eclipse study nulls`: how often a diagnosis names physics where there is none.
+
+use std::{
+    collections::BTreeMap,
+    io::Write,
+    path::{Path, PathBuf},
+};
+
+use clap::Args;
+use serde::Serialize;
+
+use super::{Failure, Outcome, diagnose, print, stop_on_interrupt, units};
+use crate::{
+    capture::{self, Capture, LoadOptions},
+    criticism::{nulls, study_scores::Case},
+    settings::Settings,
+    synthesize,
+};
+
+#[derive(Args, Debug)]
+pub(super) struct NullsArguments {
+    /// Captures in which no effect is missing [default: synthesised ones].
+    pub captures: Vec<PathBuf>,
+    /// How many bases to synthesise where no capture is given: other bodies, light and materials for each.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    pub scenes: u64,
+    /// Seed of the first synthesised base.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// What to derive from each base [default: all of plain, more_noise, fine_texture, coarse_mesh].
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub structures: Vec<String>,
+    /// Folder for the captures and a page for each.
+    #[arg(long, value_name = "DIR", default_value = "out/nulls")]
+    pub out: PathBuf,
+    /// Time for each diagnosis.
+    #[arg(long, value_name = "TIME", value_parser = units::duration, default_value = "8m")]
+    pub time_limit: f64,
+    /// Threads; results do not depend on it [default: all].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What the study found.
+#[derive(Serialize)]
+struct Found {
+    /// Share of plain nulls (and noisier ones) in which physics was named; absent without any.
+    false_alarm_rate_plain: Option<f64>,
+    /// The same of nulls with structure finer than the model.
+    false_alarm_rate_structured: Option<f64>,
+    /// By what was derived: named, of how many.
+    by_structure: BTreeMap<&'static str, [usize; 2]>,
+    cases: Vec<Case>,
+}
+
+pub(super) fn run(
+    arguments: &NullsArguments,
+    out: &mut dyn Write,
+    err: &mut dyn Write,
+) -> Result<Outcome, Failure> {
+    let structures = chosen(&arguments.structures)?;
+    let stop = stop_on_interrupt()?;
+    let (mut cases, mut by_structure) = (Vec::new(), BTreeMap::new());
+    let Some(bases) = bases(arguments, stop, err)? else {
+        return Ok(Outcome::Interrupted);
+    };
+    for base in &bases {
+        let name = base
+            .file_name()
+            .unwrap_or("base".as_ref())
+            .to_string_lossy();
+        for structure in &structures {
+            let name = format!("{name}-{}", structure.id());
+            let folder = arguments.out.join("captures").join(&name);
+            if !folder.is_dir() {
+                let mut derived = Capture::load(base, &LoadOptions::default())
+                    .map_err(|error| Failure::bad_input(error.to_string()))?;
+                structure.derive(&mut derived);
+                capture::write(&folder, &derived).map_err(Failure::failed)?;
+            }
+            let job = diagnose::Job {
+                capture: &folder,
+                reconstruction: None,
+                out: Some(&arguments.out.join(&name)),
+                time_limit: arguments.time_limit,
+                effects: &[],
+                mesh: None,
+                seed: 0,
+                threads: arguments
+                    .threads
+                    .map_or(Settings::default().threads, usize::from),
+            };
+            let Some(diagnosis) = diagnose::diagnose(&job, stop, &mut |_| (), &mut |_| Ok(()))?
+            else {
+                return Ok(Outcome::Interrupted);
+            };
+            let case = Case::new(&name, &[], &diagnosis, None);
+            let _ = writeln!(err, "{}", case.line());
+            let [named, all] = by_structure.entry(structure.id()).or_insert([0, 0]);
+            *named += usize::from(!case.found.is_empty());
+            *all += 1;
+            cases.push(case);
+        }
+    }
+    let found = Found::new(by_structure, cases);
+    let text = if arguments.json {
+        serde_json::to_string_pretty(&found).map_err(Failure::failed)? + "\n"
+    } else {
+        found.text()
+    };
+    print(out, &text)?;
+    Ok(Outcome::Done)
+}
+
+fn chosen(names: &[String]) -> Result<Vec<&'static dyn nulls::Structure>, Failure> {
+    let all = nulls::all();
+    if let Some(name) = names.iter().find(|n| !all.iter().any(|s| s.id() == **n)) {
+        let known: Vec<&str> = all.iter().map(|s| s.id()).collect();
+        return Err(Failure::bad_input(format!(
+            "there is no null called `{name}`; expected {}",
+            known.join(", ")
+        )));
+    }
+    let wanted = |id: &str| names.is_empty() || names.iter().any(|n| n == id);
+    Ok(all.into_iter().filter(|s| wanted(s.id())).collect())
+}
+
+/// The captures to derive from, synthesised where none is given; nothing when interrupted.
+fn bases(
+    arguments: &NullsArguments,
+    stop: &std::sync::atomic::AtomicBool,
+    err: &mut dyn Write,
+) -> Result<Option<Vec<PathBuf>>, Failure> {
+    if !arguments.captures.is_empty() {
+        return Ok(Some(arguments.captures.clone()));
+    }
+    let mut made = Vec::new();
+    for seed in arguments.seed..arguments.seed.saturating_add(arguments.scenes) {
+        let folder: PathBuf = arguments.out.join("bases").join(format!("scene-{seed}"));
+        if !is_filled(&folder) {
+            let _ = writeln!(err, "rendering scene {seed}");
+            let (scene, shooting) = nulls::scenes::scene(seed);
+            let go_on = |_| !stop.load(std::sync::atomic::Ordering::Relaxed);
+            let photographs = match synthesize::synthesize(&scene, &shooting, go_on) {
+                Ok(photographs) => photographs,
+                Err(synthesize::SynthesizeError::Stopped) => return Ok(None),
+                Err(error) => return Err(Failure::failed(error)),
+            };
+            synthesize::write(&folder, &scene, &photographs).map_err(Failure::failed)?;
+        }
+        made.push(folder);
+    }
+    Ok(Some(made))
+}
+
+fn is_filled(folder: &Path) -> bool {
+    folder.join("transforms.json").is_file()
+}
+
+impl Found {
+    fn new(by_structure: BTreeMap<&'static str, [usize; 2]>, cases: Vec<Case>) -> Self {
+        let rate = |structured: bool| {
+            let own = by_structure
+                .iter()
+                .filter(|(id, _)| structured != matches!(**id, "plain" | "more_noise"));
+            let [named, all] = own.fold([0, 0], |sum, (_, n)| [sum[0] + n[0], sum[1] + n[1]]);
+            (all > 0).then(|| named as f64 / all as f64)
+        };
+        Self {
+            false_alarm_rate_plain: rate(false),
+            false_alarm_rate_structured: rate(true),
+            by_structure,
+            cases,
+        }
+    }
+
+    fn text(&self) -> String {
+        let mut text = String::new();
+        for (id, [named, all]) in &self.by_structure {
+            text += &format!("{id:14} physics named in {named} of {all}\n");
+        }
+        for (what, rate) in [
+            ("plain", self.false_alarm_rate_plain),
+            ("structured", self.false_alarm_rate_structured),
+        ] {
+            if let Some(rate) = rate {
+                text += &format!("false alarms on {what} nulls: {:.0} %\n", 100.0 * rate);
+            }
+        }
+        text
+    }
+}

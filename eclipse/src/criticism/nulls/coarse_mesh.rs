@@ -1,0 +1,103 @@
+//! A mesh with a quarter of the triangles, beside photographs of the whole one.
+
+use std::collections::HashMap;
+
+use glam::{IVec3, Vec3};
+use render::mesh::Mesh;
+
+use super::Structure;
+use crate::capture::Capture;
+
+/// Share of the faces that is left at most.
+const SHARE: f64 = 0.25;
+
+/// A decimated scan.
+pub(super) struct CoarseMesh;
+
+impl Structure for CoarseMesh {
+    fn id(&self) -> &'static str {
+        "coarse_mesh"
+    }
+
+    fn derive(&self, capture: &mut Capture) {
+        let faces = capture.mesh.faces.len();
+        let most = (SHARE * faces as f64) as usize;
+        let radius = capture.mesh.bounding_radius();
+        let mut cell = radius / (faces as f32).sqrt();
+        loop {
+            let coarse = clustered(&capture.mesh, cell);
+            if coarse.faces.len() <= most.max(4) {
+                // A body thinner than a cell would vanish: better the mesh as it was.
+                if !coarse.faces.is_empty() {
+                    capture.mesh = coarse;
+                }
+                return;
+            }
+            cell *= 1.1;
+        }
+    }
+}
+
+/// The mesh with all vertices of a cubic cell drawn together into their mean (Rossignac & Borrel 1993), and new normals.
+fn clustered(mesh: &Mesh, cell: f32) -> Mesh {
+    let mut index: HashMap<IVec3, u32> = HashMap::new();
+    let mut sums: Vec<(Vec3, f32)> = Vec::new();
+    let cluster_of: Vec<u32> = mesh
+        .positions
+        .iter()
+        .map(|&position| {
+            let key = (position / cell).floor().as_ivec3();
+            let cluster = *index.entry(key).or_insert_with(|| {
+                sums.push((Vec3::ZERO, 0.0));
+                sums.len() as u32 - 1
+            });
+            let (sum, count) = &mut sums[cluster as usize];
+            *sum += position;
+            *count += 1.0;
+            cluster
+        })
+        .collect();
+    let faces = mesh
+        .faces
+        .iter()
+        .map(|face| face.map(|i| cluster_of[i as usize]))
+        .filter(|[a, b, c]| a != b && b != c && c != a)
+        .collect();
+    let mut coarse = Mesh {
+        positions: sums.iter().map(|(sum, count)| *sum / *count).collect(),
+        faces,
+        ..Mesh::default()
+    };
+    coarse.ensure_normals();
+    coarse
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_coarse_sphere_is_still_about_the_sphere() {
+        let rows = 40u32;
+        let at = |r: u32, c: u32| r * 2 * rows + c % (2 * rows);
+        let mut mesh = Mesh::default();
+        for r in 0..=rows {
+            for c in 0..2 * rows {
+                let (v, u) = (r as f32 / rows as f32, c as f32 / (2 * rows) as f32);
+                mesh.positions
+                    .push(render::lat_long::LatLong::direction(u, v));
+            }
+        }
+        for (r, c) in (0..rows).flat_map(|r| (0..2 * rows).map(move |c| (r, c))) {
+            mesh.faces.push([at(r, c), at(r + 1, c), at(r + 1, c + 1)]);
+            mesh.faces.push([at(r, c), at(r + 1, c + 1), at(r, c + 1)]);
+        }
+        let coarse = clustered(&mesh, 0.2);
+        assert!(coarse.faces.len() * 4 < mesh.faces.len() && coarse.faces.len() > 100);
+        assert!(coarse.validate().is_ok());
+        for (position, normal) in coarse.positions.iter().zip(&coarse.normals) {
+            assert!((position.length() - 1.0).abs() < 0.05, "{position}");
+            assert!(position.normalize().dot(*normal) > 0.9);
+        }
+    }
+}

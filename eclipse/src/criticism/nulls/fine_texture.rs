@@ -1,0 +1,62 @@
+//! A texture finer than any patch of the model.
+
+use glam::{IVec3, Vec3};
+use render::{bvh::Bvh, sampler::SampleKey};
+
+use super::Structure;
+use crate::capture::Capture;
+
+/// Largest departure from one of what the texture multiplies the reflected light by.
+const DEPTH: f32 = 0.15;
+/// Cells of the texture across the object's bounding radius: at a hundred pixels across the object, about two pixels each.
+const CELLS: f32 = 25.0;
+/// Rays along the side of a pixel.
+const SIDE: usize = 4;
+/// Of the random numbers.
+const SEED: u64 = 0x7465_7874;
+
+/// Paint in cells of a solid lattice, the same in all photographs.
+pub(super) struct FineTexture;
+
+impl Structure for FineTexture {
+    fn id(&self) -> &'static str {
+        "fine_texture"
+    }
+
+    fn derive(&self, capture: &mut Capture) {
+        let Ok(bvh) = Bvh::new(&capture.mesh) else {
+            return;
+        };
+        let cell = capture.mesh.bounding_radius() / CELLS;
+        for frame in &mut capture.frames {
+            let width = frame.image.width;
+            for (p, pixel) in frame.image.data.chunks_exact_mut(3).enumerate() {
+                let (x, y) = ((p % width) as f32, (p / width) as f32);
+                let place = |k: usize| (k as f32 + 0.5) / SIDE as f32;
+                let seen: Vec<f32> = (0..SIDE * SIDE)
+                    .filter_map(|s| {
+                        bvh.seen(&frame.camera, x + place(s % SIDE), y + place(s / SIDE))
+                    })
+                    .map(|(point, _)| texture(point.position / cell))
+                    .collect();
+                if !seen.is_empty() {
+                    let mean = seen.iter().sum::<f32>() / seen.len() as f32;
+                    pixel.iter_mut().for_each(|value| *value *= mean);
+                }
+            }
+        }
+    }
+}
+
+/// The texture at a point in units of its cells: one value a cell.
+fn texture(point: Vec3) -> f32 {
+    let IVec3 { x, y, z } = point.floor().as_ivec3();
+    let key = SampleKey {
+        seed: SEED,
+        frame: x as u32,
+        pixel: y as u32,
+        sample: z as u32,
+        ..SampleKey::default()
+    };
+    1.0 + DEPTH * (2.0 * key.stream().uniform() - 1.0)
+}
