@@ -90,7 +90,7 @@ fn load_frame(
     Ok(Frame {
         name,
         camera,
-        image: rgb(&image),
+        image: image.to_rgb(),
         mask,
     })
 }
@@ -246,27 +246,6 @@ fn file_mask(image: &Image) -> Image {
     Image {
         channels: 1,
         data,
-        ..*image
-    }
-}
-
-/// The colours alone; grey images are grey in all three.
-fn rgb(image: &Image) -> Image {
-    let grey = image.channels < 3;
-    let color = |pixel: &[f32]| {
-        if grey {
-            [pixel[0]; 3]
-        } else {
-            [pixel[0], pixel[1], pixel[2]]
-        }
-    };
-    Image {
-        channels: 3,
-        data: image
-            .data
-            .chunks_exact(image.channels)
-            .flat_map(color)
-            .collect(),
         ..*image
     }
 }

@@ -58,7 +58,7 @@ pub fn read_environment(
         (Some(convention), _) => convention,
         (None, named) => named.transpose()?.unwrap_or(Convention::Blender),
     };
-    let image = rgb(&image);
+    let image = image.to_rgb();
     // Checked before light is mixed: one bad texel would spread, and its place would be lost.
     let checked = |image| {
         EnvironmentMap::new(image).map_err(|source| EnvironmentIoError::Light {
@@ -101,24 +101,6 @@ fn read(path: &Path) -> Result<(Image, Option<String>), ImageIoError> {
     let mut file = decode_exr(&bytes, path)?;
     let named = file.metadata.remove(CONVENTION);
     Ok((file.color_image(path)?, named))
-}
-
-/// Three channels: alpha is dropped, grey repeated.
-fn rgb(image: &Image) -> Image {
-    let rgb = |pixel: &[f32]| match *pixel {
-        [r, g, b, ..] => [r, g, b],
-        _ => [pixel[0]; 3],
-    };
-    let data = image
-        .data
-        .chunks_exact(image.channels)
-        .flat_map(rgb)
-        .collect();
-    Image {
-        channels: 3,
-        data,
-        ..*image
-    }
 }
 
 /// The mean over blocks of `parts` × `parts` pixels, which must fill the image.

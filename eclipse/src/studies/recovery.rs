@@ -164,7 +164,7 @@ impl Row {
                         &without.albedo_through(0),
                         1.0,
                     ),
-                    Picture::light("true", &rgb(&truth.albedo), 1.0),
+                    Picture::light("true", &truth.albedo.to_rgb(), 1.0),
                 ]),
             });
         }
@@ -180,16 +180,6 @@ impl Row {
             });
         }
         figures
-    }
-}
-
-/// The first three channels.
-fn rgb(image: &render::image::Image) -> render::image::Image {
-    let pixels = image.data.chunks_exact(image.channels);
-    render::image::Image {
-        channels: 3,
-        data: pixels.flat_map(|p| [p[0], p[1], p[2]]).collect(),
-        ..*image
     }
 }
 

@@ -100,7 +100,7 @@ fn in_frame(scene: &Scene<'_>, cells: &[Vec<f32>], frame: u32, part: usize) -> V
 }
 
 /// Cosine and sine of every camera's azimuth.
-fn azimuths(seen: &Observations) -> Vec<[f32; 2]> {
+pub(super) fn azimuths(seen: &Observations) -> Vec<[f32; 2]> {
     seen.eyes
         .iter()
         .map(|eye| {

@@ -1,9 +1,17 @@
 //! Light that a pale occluder sends back to the object.
 
-use super::{Effect, Stage, Term, moving_occluder::blocked_light, support::CameraGrid};
+use super::{
+    Effect, Stage, Term,
+    moving_occluder::{azimuths, blocked_light},
+    support::CameraGrid,
+};
 use crate::criticism::scene::Scene;
 
-/// + E_t (1 − M_t): the radiance of the directions behind the camera, where somebody stands.
+/// + E_t (1 − M_t).
+///
+/// Where an occluder is in the model, M is its transmittance and E its radiance, which depends on the side of the surroundings
+/// that it faces: one number and two for the camera's azimuth. Where none is, the radiance of the directions behind the
+/// camera, where somebody would stand.
 pub struct OccluderBounce;
 
 impl Effect for OccluderBounce {
@@ -26,15 +34,58 @@ impl Effect for OccluderBounce {
             let sum: f32 = (0..texels).map(|t| scene.radiance[3 * t + c]).sum();
             sum / texels.max(1) as f32
         });
-        let fields = blocked_light(scene, |_, c| mean[c]);
-        fields
+        // What is not there sends no light: fields of the other case are zero, so that their number never changes.
+        let known = sent_by_occluder(scene, mean);
+        let fields = match known {
+            None => blocked_light(scene, |_, c| mean[c]),
+            Some(_) => vec![vec![0.0; scene.size()]; CameraGrid::CELLS],
+        };
+        let cells = fields
             .into_iter()
             .enumerate()
             .filter(|(cell, _)| CameraGrid::behind_camera(*cell))
             .map(|(cell, field)| {
                 let name = format!("radiance (of the mean) at {}", CameraGrid::name(cell));
                 Term::new(name, 0.3, field).positive()
+            });
+        let sent = known.unwrap_or_else(|| vec![0.0; scene.size()]);
+        let azimuths = azimuths(scene.seen);
+        let turned = |axis: usize| {
+            scene.on_views(|v| {
+                let side = azimuths[scene.seen.views[v].frame as usize][axis];
+                [0, 1, 2].map(|c| side * sent[3 * v + c])
             })
-            .collect()
+        };
+        let sides = ["cosine", "sine"]
+            .into_iter()
+            .enumerate()
+            .map(|(axis, what)| {
+                let name = format!("its change with the {what} of the camera's azimuth");
+                Term::new(name, 0.15, turned(axis))
+            });
+        let mut terms: Vec<Term> = cells.chain(sides).collect();
+        let name = "radiance (of the mean) of the occluder";
+        terms.push(Term::new(name, 0.3, sent).positive());
+        terms
     }
+}
+
+/// What an occluder in the model, of radiance `mean`, adds to each view; `None` when there is none.
+fn sent_by_occluder(scene: &Scene<'_>, mean: [f32; 3]) -> Option<Vec<f32>> {
+    if std::ptr::eq(scene.bare, scene.transport) {
+        return None;
+    }
+    let field = scene.on_views(|v| {
+        let albedo = scene.albedo_of(v);
+        let mut sum = [0.0; 3];
+        // The same entries in the same order: one is the other with shares taken away.
+        for ((_, all), (_, left)) in scene.bare.row(v).zip(scene.transport.row(v)) {
+            let [d, s] = [all[0] - left[0], all[1] - left[1]];
+            for c in 0..3 {
+                sum[c] += (albedo[c] * d + s) * mean[c];
+            }
+        }
+        sum
+    });
+    field.iter().any(|f| *f != 0.0).then_some(field)
 }

@@ -123,7 +123,7 @@ pub(super) fn photograph(view: &View) -> Result<(Image, Image), StanfordOrbError
         &view.mask,
         "masks lie beside the photographs' folder, in one named like it with _mask added",
     )?;
-    let image = averaged(&rgb(&read_image(&view.image, None)?), &view.image)?;
+    let image = averaged(&read_image(&view.image, None)?.to_rgb(), &view.image)?;
     let mask = read_image(&view.mask, Some(ColorEncoding::Linear))?;
     let first = mask.data.iter().step_by(mask.channels).copied().collect();
     let mask = Image {
@@ -146,7 +146,7 @@ pub(super) fn prediction(folder: &Path, view: &View) -> Result<Image, StanfordOr
             remedy: "render every view of the split, as .exr (linear) or .png (sRGB)",
         });
     };
-    let image = rgb(&read_image(path, None)?);
+    let image = read_image(path, None)?.to_rgb();
     if [image.width, image.height] != [RESOLUTION; 2] {
         return Err(StanfordOrbError::Size {
             path: path.clone(),
@@ -164,20 +164,6 @@ pub(super) fn prediction(folder: &Path, view: &View) -> Result<Image, StanfordOr
             y: at / 3 / image.width,
             value: image.data[at],
         }),
-    }
-}
-
-/// Three channels: alpha is dropped, grey repeated.
-fn rgb(image: &Image) -> Image {
-    let rgb = |pixel: &[f32]| match *pixel {
-        [r, g, b, ..] => [r, g, b],
-        _ => [pixel[0]; 3],
-    };
-    let pixels = image.data.chunks_exact(image.channels);
-    Image {
-        channels: 3,
-        data: pixels.flat_map(rgb).collect(),
-        ..*image
     }
 }
 
