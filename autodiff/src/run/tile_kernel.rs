@@ -46,8 +46,29 @@ pub(super) struct Spread<'a, R> {
     pub add: bool,
     /// The parents' adjoints, or the only one.
     pub adjoint: &'a [R],
+    /// The parent that the first of them belongs to.
+    pub first: usize,
     pub segments: bool,
     pub mean: bool,
+}
+
+/// Rows of values.
+pub(super) struct Tiles<'a, R> {
+    pub rows: &'a mut [R],
+    /// Rows of one tile.
+    pub count: usize,
+    /// Whether every tile has its own rows; else all use the same.
+    pub kept: bool,
+}
+
+impl<R: Real> Tiles<'_, R> {
+    /// The rows of the tile that starts at lane `at`.
+    #[inline(always)]
+    fn rows(&mut self, at: usize) -> &mut [Row<R>] {
+        let (rows, _) = self.rows.as_chunks_mut::<TILE>();
+        let first = if self.kept { at / TILE * self.count } else { 0 };
+        &mut rows[first..first + self.count]
+    }
 }
 
 /// What both directions share.
@@ -62,7 +83,7 @@ pub(super) struct Block<'a, R> {
     /// What is read, row by row; rows that are not read are empty.
     pub sources: &'a [&'a [R]],
     pub lookups: &'a [Filled<'a, R>],
-    pub rows: &'a mut [R],
+    pub tiles: Tiles<'a, R>,
 }
 
 /// The forward direction of a run.
@@ -79,14 +100,14 @@ impl<R: Real> Kernel for Forward<'_, R> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let block = self.block;
-        let (rows, _) = block.rows.as_chunks_mut::<TILE>();
+        let mut block = self.block;
         let mut parts = Parts::new(block.segments, block.start);
         for at in (0..block.len).step_by(TILE) {
             let len = TILE.min(block.len - at);
             if block.by_segments {
                 parts.advance(len);
             }
+            let rows = block.tiles.rows(at);
             fill(rows, block.sources, block.lookups, &parts, at, len);
             for instruction in &self.plan.instructions {
                 evaluate::<R, S>(instruction, rows);
@@ -107,11 +128,12 @@ impl<R: Real> Kernel for Forward<'_, R> {
     }
 }
 
-/// The reverse direction of a run: values are computed again in the tile, then adjoints passed back.
+/// The reverse direction of a run: values are computed again in the tile, unless they were kept, then adjoints passed back.
 pub(super) struct Reverse<'a, R> {
-    /// Its rows are values, then as many adjoints.
     pub block: Block<'a, R>,
     pub plan: &'a Adjoints,
+    /// As many rows of adjoints as of values.
+    pub adjoint_rows: &'a mut [R],
     pub adjoints: &'a [&'a [R]],
     pub spreads: &'a [Spread<'a, R>],
     pub targets: &'a mut [Buffer<R>],
@@ -125,19 +147,21 @@ impl<R: Real> Kernel for Reverse<'_, R> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let (block, plan) = (self.block, self.plan);
-        let (rows, _) = block.rows.as_chunks_mut::<TILE>();
-        let half = rows.len() / 2;
-        let (values, adjoints) = rows.split_at_mut(half);
+        let (mut block, plan) = (self.block, self.plan);
+        let (adjoints, _) = self.adjoint_rows.as_chunks_mut::<TILE>();
         let mut parts = Parts::new(block.segments, block.start);
         for at in (0..block.len).step_by(TILE) {
             let len = TILE.min(block.len - at);
             if block.by_segments {
                 parts.advance(len);
             }
-            fill(values, block.sources, block.lookups, &parts, at, len);
-            for instruction in &plan.instructions {
-                evaluate::<R, S>(instruction, values);
+            let kept = block.tiles.kept;
+            let values = block.tiles.rows(at);
+            if !kept {
+                fill(values, block.sources, block.lookups, &parts, at, len);
+                for instruction in &plan.instructions {
+                    evaluate::<R, S>(instruction, values);
+                }
             }
             for import in &plan.imports {
                 let start = import.offset + at;
@@ -316,7 +340,7 @@ fn expand<R: Real>(spread: &Spread<R>, row: &mut Row<R>, parts: &Parts) {
         return put(row, &whole, spread.adjoint[0], spread.add);
     }
     for part in parts.all() {
-        let value = spread.adjoint[part.parent];
+        let value = spread.adjoint[part.parent - spread.first];
         let value = match spread.mean {
             true => value * R::from_f64(1.0 / part.len as f64),
             false => value,
