@@ -122,8 +122,17 @@ pub(super) struct Worker<R> {
     pub tile: Buffer<R>,
     /// Rows of all tiles of a block, where values are kept for the way back.
     pub kept: Buffer<R>,
+    /// Where buffers are while a run writes to them; empty in between.
+    pub lent: Lent<R>,
     /// The arena of the phase above, if both run block by block.
     pub above: Option<Box<Worker<R>>>,
+}
+
+/// Buffers of the arena and of the chunk.
+#[derive(Default)]
+pub(super) struct Lent<R> {
+    pub arena: Vec<Buffer<R>>,
+    pub chunk: Vec<Buffer<R>>,
 }
 
 impl<R: Real> Worker<R> {
@@ -136,6 +145,7 @@ impl<R: Real> Worker<R> {
             scratch: Buffer::zeros(0),
             tile: Buffer::zeros(0),
             kept: Buffer::zeros(0),
+            lent: Lent::default(),
             above: None,
         }
     }

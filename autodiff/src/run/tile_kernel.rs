@@ -5,7 +5,7 @@ use pulp::Simd;
 use super::chunk::Span;
 use super::lookup::{Rows, gather_rows, scatter_rows};
 use super::plan::{Adjoints, Values};
-use super::rows::{PARTIALS, spread, total};
+use super::rows::{PARTIALS, spread, total, whole_sum};
 use super::sizes::{Piece, Pieces, Segments};
 use crate::buffer::Buffer;
 use crate::op::kernel::Kernel;
@@ -101,7 +101,8 @@ impl<R: Real> Kernel for Forward<'_, R> {
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
         let mut block = self.block;
-        let mut parts = Parts::new(block.segments, block.start);
+        let mut found = [Part::default(); TILE];
+        let mut parts = Parts::new(block.segments, block.start, &mut found);
         for at in (0..block.len).step_by(TILE) {
             let len = TILE.min(block.len - at);
             if block.by_segments {
@@ -149,7 +150,8 @@ impl<R: Real> Kernel for Reverse<'_, R> {
     fn run<S: Simd>(self, _: S) {
         let (mut block, plan) = (self.block, self.plan);
         let (adjoints, _) = self.adjoint_rows.as_chunks_mut::<TILE>();
-        let mut parts = Parts::new(block.segments, block.start);
+        let mut found = [Part::default(); TILE];
+        let mut parts = Parts::new(block.segments, block.start, &mut found);
         for at in (0..block.len).step_by(TILE) {
             let len = TILE.min(block.len - at);
             if block.by_segments {
@@ -223,7 +225,7 @@ fn table_rows(channels: usize) -> Rows {
 /// The parts of segments in a tile.
 struct Parts<'a> {
     pieces: Pieces<'a>,
-    found: [Part; TILE],
+    found: &'a mut [Part; TILE],
     count: usize,
     first: usize,
 }
@@ -242,10 +244,10 @@ struct Part {
 
 impl<'a> Parts<'a> {
     #[inline(always)]
-    fn new(segments: &'a Segments, start: usize) -> Self {
+    fn new(segments: &'a Segments, start: usize, found: &'a mut [Part; TILE]) -> Self {
         Parts {
             pieces: segments.pieces(start, 1),
-            found: [Part::default(); TILE],
+            found,
             count: 0,
             first: start,
         }
@@ -368,16 +370,22 @@ fn accumulate<R: Real>(
         return spread(partial, first, row);
     }
     for part in parts.all() {
-        if part.phase == 0 {
-            partial.fill(R::default());
-        }
         let lanes = &row[part.start..part.end];
-        spread(partial, part.phase, lanes);
-        if part.phase + lanes.len() == part.len {
-            let total = total(partial);
-            let mean = R::from_f64(1.0 / part.len as f64);
-            let target = &mut sums[channel * parents + part.parent - span.parents.start];
-            *target = *target + if sum.mean { total * mean } else { total };
-        }
+        let total = if lanes.len() == part.len {
+            // The whole segment: its sum stays in registers.
+            whole_sum(lanes)
+        } else {
+            if part.phase == 0 {
+                partial.fill(R::default());
+            }
+            spread(partial, part.phase, lanes);
+            if part.phase + lanes.len() < part.len {
+                continue;
+            }
+            total(partial)
+        };
+        let mean = R::from_f64(1.0 / part.len as f64);
+        let target = &mut sums[channel * parents + part.parent - span.parents.start];
+        *target = *target + if sum.mean { total * mean } else { total };
     }
 }

@@ -3,7 +3,7 @@
 use std::mem::take;
 use std::ops::Range;
 
-use super::block::{Env, Lanes, Place, Worker};
+use super::block::{Env, Lanes, Lent, Place, Worker};
 use super::chunk::{Chunk, Span};
 use super::lane::Lane;
 use super::passes::sink_position;
@@ -84,11 +84,13 @@ pub(super) fn forward<R: Lane>(
 ) {
     let sinks = &env.phase.runs[at].sinks;
     let positions = || sinks.iter().map(|&sink| sink_position(env, sink));
-    let mut accumulations = take_all(positions(), &mut chunk.sink);
+    let mut accumulations = take(&mut worker.lent.chunk);
+    lend(&mut accumulations, positions(), &mut chunk.sink);
     let plan = &env.plans[at].forward;
     let into = Some((&chunk.span, &mut accumulations[..]));
     compute(env, worker, lanes, at, plan, into, keep);
-    put_back(accumulations, positions(), &mut chunk.sink);
+    give_back(&mut accumulations, positions(), &mut chunk.sink);
+    worker.lent.chunk = accumulations;
 }
 
 /// Computes again what the reverse pass reads outside of a run.
@@ -110,7 +112,9 @@ fn compute<R: Lane>(
         return;
     }
     let run = &env.phase.runs[at];
-    let mut targets = take_all(plan.targets.iter().copied(), &mut worker.values);
+    let mut targets = take(&mut worker.lent.arena);
+    let slots = || plan.targets.iter().copied();
+    lend(&mut targets, slots(), &mut worker.values);
     let mut storage = match keep {
         true => take(&mut worker.kept),
         false => take(&mut worker.tile),
@@ -155,7 +159,8 @@ fn compute<R: Lane>(
         true => worker.kept = storage,
         false => worker.tile = storage,
     }
-    put_back(targets, plan.targets.iter().copied(), &mut worker.values);
+    give_back(&mut targets, slots(), &mut worker.values);
+    worker.lent.arena = targets;
 }
 
 /// Passes the adjoints of a run back. Its values are computed again, unless there are `known` adjoints: then they were kept.
@@ -171,9 +176,14 @@ pub(super) fn reverse<R: Lane>(
     if plan.pulls.is_empty() {
         return;
     }
-    let mut targets = take_all(plan.targets.iter().copied(), &mut worker.adjoints);
+    let Lent {
+        arena: mut targets,
+        chunk: mut pulls,
+    } = take(&mut worker.lent);
+    let slots = || plan.targets.iter().copied();
+    lend(&mut targets, slots(), &mut worker.adjoints);
     let positions = || plan.lookups.iter().map(|lookup| lookup.pull);
-    let mut pulls = take_all(positions(), &mut chunk.pull);
+    lend(&mut pulls, positions(), &mut chunk.pull);
     let (mut tile, mut storage) = (take(&mut worker.tile), take(&mut worker.kept));
     let (again, adjoint_rows) = tile.as_mut_slice().split_at_mut(run_len(run, TILE));
     let rows = match known {
@@ -235,11 +245,15 @@ pub(super) fn reverse<R: Lane>(
     };
     dispatch(env.arch, kernel);
     (worker.tile, worker.kept) = (tile, storage);
-    put_back(pulls, positions(), &mut chunk.pull);
+    give_back(&mut pulls, positions(), &mut chunk.pull);
     for &slot in &plan.targets {
         worker.written[slot] = true;
     }
-    put_back(targets, plan.targets.iter().copied(), &mut worker.adjoints);
+    give_back(&mut targets, slots(), &mut worker.adjoints);
+    worker.lent = Lent {
+        arena: targets,
+        chunk: pulls,
+    };
 }
 
 /// Fills unused places of a list.
@@ -329,27 +343,22 @@ fn summed_rows<R>(env: &Env<R>, run: &Run, sink: NodeId) -> Summed {
     }
 }
 
-fn empty<R: Lane>() -> [Buffer<R>; LIMIT] {
-    std::array::from_fn(|_| Buffer::default())
-}
-
-fn take_all<R: Lane>(
-    slots: impl Iterator<Item = usize>,
-    arena: &mut [Buffer<R>],
-) -> [Buffer<R>; LIMIT] {
-    let mut taken = empty();
-    for (taken, slot) in taken.iter_mut().zip(slots) {
-        *taken = take(&mut arena[slot]);
-    }
-    taken
-}
-
-fn put_back<R: Lane>(
-    taken: [Buffer<R>; LIMIT],
+/// Moves buffers out of an arena, to be written to while the others are read.
+fn lend<R: Lane>(
+    lent: &mut Vec<Buffer<R>>,
     slots: impl Iterator<Item = usize>,
     arena: &mut [Buffer<R>],
 ) {
-    for (buffer, slot) in taken.into_iter().zip(slots) {
+    lent.clear();
+    lent.extend(slots.map(|slot| take(&mut arena[slot])));
+}
+
+fn give_back<R: Lane>(
+    lent: &mut Vec<Buffer<R>>,
+    slots: impl Iterator<Item = usize>,
+    arena: &mut [Buffer<R>],
+) {
+    for (buffer, slot) in lent.drain(..).zip(slots) {
         arena[slot] = buffer;
     }
 }
