@@ -387,6 +387,26 @@ proptest! {
     }
 
     #[test]
+    fn one_pass_gives_the_bits_of_two(steps in steps(), data in data()) {
+        // A gradient without values runs phases forward and back in one go where it can; one with values never does.
+        let program = record(&steps);
+        for (block, output) in [(64, "loss"), (1024, "loss"), (1024, "residual")] {
+            let bits = [false, true].map(|before| {
+                let mut ws = data.workspace::<f32>(&program, block);
+                if before {
+                    program.forward(&mut ws).unwrap();
+                }
+                program.vjp(&mut ws, output).unwrap();
+                let arrays = [ws.output("loss"), ws.output("residual")];
+                let gradients = PARAMS.iter().map(|p| ws.gradient(p));
+                let arrays = arrays.into_iter().chain(gradients).map(|array| array.unwrap().to_vec());
+                arrays.flatten().map(f32::to_bits).collect::<Vec<_>>()
+            });
+            prop_assert!(bits[0] == bits[1], "{output}, blocks of {block}");
+        }
+    }
+
+    #[test]
     fn a_reused_workspace_gives_the_same_bits(steps in steps(), data in data()) {
         let program = record(&steps);
         let mut ws = data.workspace::<f64>(&program, 512);

@@ -81,8 +81,9 @@ impl Primitive<2> for Div {
     #[inline(always)]
     fn partial<R: Real, F: Fma, const I: usize>(self, [_, b]: [R; 2], y: R) -> R {
         match I {
+            // One quotient serves both where they are computed together.
             0 => R::from_f64(1.0) / b,
-            _ => -y / b,
+            _ => -y * (R::from_f64(1.0) / b),
         }
     }
 }

@@ -27,13 +27,15 @@ pub(crate) struct Instruction {
     pub x: [u32; 3],
 }
 
-/// Passes the adjoint of an operation's result on to one operand.
+/// Passes the adjoint of an operation's result on to one operand, or to the first two.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pull {
     pub of: Instruction,
     pub operand: u8,
     /// Whether the operand's adjoint has been written before.
     pub add: bool,
+    /// For the first operand: whether the second one's adjoint, which is passed on along with it, has been written before.
+    pub both: Option<bool>,
 }
 
 /// Reads a row of a tile from, or writes it to, one of several arrays.
@@ -89,15 +91,39 @@ fn evaluate_row<R: Real, F: Fma, P: Primitive<N>, const N: usize>(
     }
 }
 
-/// Passes an adjoint on to one operand.
+/// Passes an adjoint on to one operand, or to the first two.
 #[inline(always)]
 pub(crate) fn pass<R: Real, F: Fma>(pull: &Pull, values: &[Row<R>], adjoints: &mut [Row<R>]) {
     let Instruction { element, out, x } = pull.of;
     let y = &values[out as usize];
     let (before, rest) = adjoints.split_at_mut(out as usize);
     let source = &rest[0];
+    let rows = x;
     let [x0, x1, x2] = x.map(|x| &values[x as usize]);
-    let target = &mut before[x[pull.operand as usize] as usize];
+    if let Some(second) = pull.both {
+        let Ok([t0, t1]) = before.get_disjoint_mut([rows[0] as usize, rows[1] as usize]) else {
+            return;
+        };
+        with_primitive!(element, |p, N| {
+            match (pull.add, second) {
+                _ if N < 2 => {}
+                (false, false) => {
+                    pass_both::<R, F, _, N, false, false>(p, x0, x1, x2, y, source, t0, t1)
+                }
+                (false, true) => {
+                    pass_both::<R, F, _, N, false, true>(p, x0, x1, x2, y, source, t0, t1)
+                }
+                (true, false) => {
+                    pass_both::<R, F, _, N, true, false>(p, x0, x1, x2, y, source, t0, t1)
+                }
+                (true, true) => {
+                    pass_both::<R, F, _, N, true, true>(p, x0, x1, x2, y, source, t0, t1)
+                }
+            }
+        });
+        return;
+    }
+    let target = &mut before[rows[pull.operand as usize] as usize];
     with_primitive!(element, |p, N| {
         match pull.operand {
             0 => pass_row::<R, F, _, N, 0>(p, x0, x1, x2, y, source, target, pull.add),
@@ -106,6 +132,34 @@ pub(crate) fn pass<R: Real, F: Fma>(pull: &Pull, values: &[Row<R>], adjoints: &m
             _ => {}
         }
     });
+}
+
+/// Both operands at once: what they share is loaded and computed once.
+#[inline(always)]
+fn pass_both<
+    R: Real,
+    F: Fma,
+    P: Primitive<N>,
+    const N: usize,
+    const ADD0: bool,
+    const ADD1: bool,
+>(
+    primitive: P,
+    x0: &Row<R>,
+    x1: &Row<R>,
+    x2: &Row<R>,
+    y: &Row<R>,
+    source: &Row<R>,
+    t0: &mut Row<R>,
+    t1: &mut Row<R>,
+) {
+    for i in 0..TILE {
+        let x = operands(x0[i], x1[i], x2[i]);
+        let first = term::<R, F, P, N, 0>(primitive, x, y[i], source[i]);
+        let second = term::<R, F, P, N, 1>(primitive, x, y[i], source[i]);
+        t0[i] = if ADD0 { t0[i] + first } else { first };
+        t1[i] = if ADD1 { t1[i] + second } else { second };
+    }
 }
 
 #[inline(always)]

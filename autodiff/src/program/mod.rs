@@ -1,5 +1,6 @@
 //! The compiled program: an immutable schedule of phases, shared between threads and workspaces.
 
+mod fuse;
 mod phase;
 mod runs;
 mod schedule;
@@ -7,6 +8,7 @@ mod simplify;
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
+pub(crate) use fuse::Fusion;
 pub(crate) use phase::{Body, NONE, Phase, PullKind};
 pub(crate) use runs::{LIMIT, Run, Step};
 
@@ -25,6 +27,8 @@ pub struct Program {
     pub(crate) indices: Vec<IndexInfo>,
     pub(crate) outputs: Vec<(String, NodeId)>,
     pub(crate) phases: Vec<Phase>,
+    /// Phases whose gradients can be computed together.
+    pub(crate) fusions: Vec<Fusion>,
     /// Nodes whose value is kept for all lanes.
     pub(crate) whole: Vec<bool>,
     /// Nodes that outputs need; leaves that none needs may stay unbound.
@@ -54,11 +58,12 @@ impl Program {
             }
         }
         let schedule = schedule::schedule(&nodes, &outputs);
-        let phases = schedule
+        let phases: Vec<Phase> = schedule
             .groups
             .iter()
             .map(|group| Phase::new(&nodes, group, &schedule.whole))
             .collect();
+        let fusions = fuse::fusions(&nodes, &recording.domains, &phases);
         Program {
             stamp: STAMP.fetch_add(1, Ordering::Relaxed),
             nodes,
@@ -67,6 +72,7 @@ impl Program {
             indices: recording.indices.clone(),
             outputs,
             phases,
+            fusions,
             whole: schedule.whole,
             used,
             used_indices,

@@ -45,6 +45,13 @@ pub(super) struct Place {
     lanes: usize,
 }
 
+impl Place {
+    /// Makes the phase look for the value in its arena.
+    pub fn compute(&mut self) {
+        self.computed = self.slot != NONE;
+    }
+}
+
 /// The places of all nodes in a phase whose blocks have at most `stride` lanes.
 pub(super) fn places(
     program: &Program,
@@ -113,6 +120,19 @@ pub(super) struct Worker<R> {
     pub scratch: Buffer<R>,
     /// Rows of a tile.
     pub tile: Buffer<R>,
+    /// Rows of all tiles of a block, where values are kept for the way back.
+    pub kept: Buffer<R>,
+    /// Where buffers are while a run writes to them; empty in between.
+    pub lent: Lent<R>,
+    /// The arena of the phase above, if both run block by block.
+    pub above: Option<Box<Worker<R>>>,
+}
+
+/// Buffers of the arena and of the chunk.
+#[derive(Default)]
+pub(super) struct Lent<R> {
+    pub arena: Vec<Buffer<R>>,
+    pub chunk: Vec<Buffer<R>>,
 }
 
 impl<R: Real> Worker<R> {
@@ -124,6 +144,9 @@ impl<R: Real> Worker<R> {
             written: Vec::new(),
             scratch: Buffer::zeros(0),
             tile: Buffer::zeros(0),
+            kept: Buffer::zeros(0),
+            lent: Lent::default(),
+            above: None,
         }
     }
 
@@ -135,6 +158,8 @@ impl<R: Real> Worker<R> {
             .sum::<usize>()
             + self.scratch.bytes()
             + self.tile.bytes()
+            + self.kept.bytes()
+            + self.above.as_ref().map_or(0, |above| above.bytes())
     }
 }
 

@@ -1,5 +1,6 @@
 //! Running phases: chunks in parallel, then their private results into whole arrays, in a fixed order.
 
+use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -8,6 +9,7 @@ use rayon::prelude::*;
 
 use super::block::{Env, Place, Whole, Worker, places};
 use super::chunk::{Chunk, ensure, pull_len, sink_len, spans, store_len, widest};
+use super::fused::Fused;
 use super::lane::Lane;
 use super::lookup::interleave;
 use super::passes;
@@ -34,10 +36,12 @@ pub(super) struct State<R> {
     pub moving: Vec<bool>,
     pub live: Vec<bool>,
     pub seeded: Vec<bool>,
-    replay: Vec<bool>,
+    pub(super) replay: Vec<bool>,
     pub(super) chunks: Vec<Vec<Mutex<Chunk<R>>>>,
-    strides: Vec<usize>,
+    pub(super) strides: Vec<usize>,
     places: Vec<Vec<Place>>,
+    /// Phases whose gradient is computed in one go.
+    pub(super) fused: Option<Fused>,
     plans: Vec<Vec<Plan>>,
     /// Which adjoints a phase has written, while its plans are made.
     written: Vec<bool>,
@@ -48,7 +52,7 @@ pub(super) struct State<R> {
 
 /// What a pass computes.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Pass {
+pub(super) enum Pass {
     Values,
     Tangents,
     Adjoints,
@@ -100,6 +104,7 @@ impl<R: Lane> State<R> {
             seeded: vec![false; nodes],
             replay: vec![false; nodes],
             chunks,
+            fused: Fused::new(program, &extent, &strides, &resolved),
             strides,
             places: resolved,
             plans,
@@ -183,31 +188,35 @@ impl<R: Lane> State<R> {
                 }
             }
         }
-        let pass = if tangents {
-            Pass::Tangents
-        } else {
-            Pass::Values
-        };
         for p in 0..program.phases.len() {
-            if let Body::Map = program.phases[p].body {
-                let id = program.phases[p].nodes[0];
-                self.map(program, id, false);
-                if tangents && self.moving[id] {
-                    self.map(program, id, true);
-                }
-                continue;
-            }
-            self.interleave(program, p, tangents);
-            self.prepare(program, p, pass);
-            self.run(program, p, |env, worker, chunk| {
-                passes::forward(env, worker, chunk, tangents)
-            });
-            self.assemble_values(program, p, tangents);
+            self.forward_phase(program, p, tangents);
         }
     }
 
+    /// Computes the values of one phase.
+    pub(super) fn forward_phase(&mut self, program: &Program, p: usize, tangents: bool) {
+        if let Body::Map = program.phases[p].body {
+            let id = program.phases[p].nodes[0];
+            self.map(program, id, false);
+            if tangents && self.moving[id] {
+                self.map(program, id, true);
+            }
+            return;
+        }
+        self.interleave(program, p, tangents);
+        let pass = match tangents {
+            true => Pass::Tangents,
+            false => Pass::Values,
+        };
+        self.prepare(program, p, pass);
+        self.run(program, p, |env, worker, chunk| {
+            passes::forward(env, worker, chunk, tangents)
+        });
+        self.assemble_values(program, p, tangents);
+    }
+
     /// Brings the tables that a phase looks up into their order.
-    fn interleave(&mut self, program: &Program, p: usize, tangents: bool) {
+    pub(super) fn interleave(&mut self, program: &Program, p: usize, tangents: bool) {
         for &id in &program.phases[p].nodes {
             if !matches!(program.nodes[id].op, Op::Gather(_) | Op::GatherWeighted(_)) {
                 continue;
@@ -265,8 +274,8 @@ impl<R: Lane> State<R> {
         }
     }
 
-    /// Passes the seeded adjoints back to the parameters.
-    pub fn reverse(&mut self, program: &Program) {
+    /// Marks what seeds reach.
+    pub(super) fn spread_liveness(&mut self, program: &Program) {
         for id in (0..program.nodes.len()).rev() {
             if self.live[id] {
                 for &input in &program.nodes[id].inputs {
@@ -274,7 +283,12 @@ impl<R: Lane> State<R> {
                 }
             }
         }
-        for p in (0..program.phases.len()).rev() {
+    }
+
+    /// Passes the seeded adjoints back through some phases, of which one may have run already, and to the parameters.
+    pub fn reverse(&mut self, program: &Program, phases: Range<usize>, done: Option<usize>) {
+        self.spread_liveness(program);
+        for p in phases.clone().rev() {
             let phase = &program.phases[p];
             if !phase.nodes.iter().any(|&id| self.live[id]) {
                 continue;
@@ -283,24 +297,15 @@ impl<R: Lane> State<R> {
                 self.map_adjoint(program, phase.nodes[0]);
                 continue;
             }
-            self.mark_replay(program, p);
-            let marks = Marks {
-                live: &self.live,
-                seeded: &self.seeded,
-                replay: &self.replay,
-            };
-            let plans = &mut self.plans[p];
-            reverse_plans(
-                program,
-                phase,
-                &self.places[p],
-                &marks,
-                &mut self.written,
-                plans,
-            );
-            self.prepare(program, p, Pass::Adjoints);
-            self.run(program, p, passes::reverse);
+            if done != Some(p) {
+                self.plan_reverse(program, p);
+                self.prepare(program, p, Pass::Adjoints);
+                self.run(program, p, passes::reverse);
+            }
             self.assemble_adjoints(program, p);
+        }
+        if phases.start > 0 {
+            return;
         }
         for (id, node) in program.nodes.iter().enumerate() {
             if matches!(node.op, Op::Param) && !self.seeded[id] {
@@ -312,8 +317,26 @@ impl<R: Lane> State<R> {
         }
     }
 
+    /// Plans the way back through a phase.
+    pub(super) fn plan_reverse(&mut self, program: &Program, p: usize) {
+        self.mark_replay(program, p);
+        let marks = Marks {
+            live: &self.live,
+            seeded: &self.seeded,
+            replay: &self.replay,
+        };
+        reverse_plans(
+            program,
+            &program.phases[p],
+            &self.places[p],
+            &marks,
+            &mut self.written,
+            &mut self.plans[p],
+        );
+    }
+
     /// Makes room for a pass over a phase; does nothing when it ran before.
-    fn prepare(&mut self, program: &Program, p: usize, pass: Pass) {
+    pub(super) fn prepare(&mut self, program: &Program, p: usize, pass: Pass) {
         let (phase, extent, stride) = (&program.phases[p], &self.extent, self.strides[p]);
         for chunk in &mut self.chunks[p] {
             let chunk = chunk.get_mut().unwrap_or_else(PoisonError::into_inner);
@@ -378,19 +401,9 @@ impl<R: Lane> State<R> {
     ) {
         let mut workers = std::mem::take(&mut self.workers);
         let env = self.env(program, p);
-        let chunks = &self.chunks[p];
-        let next = AtomicUsize::new(0);
-        let drain = |worker: &mut Worker<R>| {
-            while let Some(chunk) = chunks.get(next.fetch_add(1, Ordering::Relaxed)) {
-                let mut chunk = chunk.lock().unwrap_or_else(PoisonError::into_inner);
-                work(&env, worker, &mut chunk);
-            }
-        };
-        if workers.len() == 1 || chunks.len() == 1 {
-            drain(&mut workers[0]);
-        } else {
-            workers.par_iter_mut().with_max_len(1).for_each(drain);
-        }
+        share(&mut workers, &self.chunks[p], |worker, chunk| {
+            work(&env, worker, chunk)
+        });
         self.workers = workers;
     }
 
@@ -415,6 +428,26 @@ impl<R: Lane> State<R> {
             replay: &self.replay,
             plans: &self.plans[p],
         }
+    }
+}
+
+/// Has the workers take chunks until there are none left.
+pub(super) fn share<R: Lane>(
+    workers: &mut [Worker<R>],
+    chunks: &[Mutex<Chunk<R>>],
+    work: impl Fn(&mut Worker<R>, &mut Chunk<R>) + Sync,
+) {
+    let next = AtomicUsize::new(0);
+    let drain = |worker: &mut Worker<R>| {
+        while let Some(chunk) = chunks.get(next.fetch_add(1, Ordering::Relaxed)) {
+            let mut chunk = chunk.lock().unwrap_or_else(PoisonError::into_inner);
+            work(worker, &mut chunk);
+        }
+    };
+    if workers.len() == 1 || chunks.len() == 1 {
+        drain(&mut workers[0]);
+    } else {
+        workers.par_iter_mut().with_max_len(1).for_each(drain);
     }
 }
 

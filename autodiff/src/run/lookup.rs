@@ -190,12 +190,12 @@ fn gather_colors<R: Real>(table: &[R], pitch: usize, index: &[u32], block: &mut 
             found[i] = rows[group[i] as usize];
         }
         let at = k * GROUP..(k + 1) * GROUP;
-        let (red, green) = (&mut red[at.clone()], &mut green[at.clone()]);
-        let blue = &mut blue[at];
-        for i in 0..GROUP {
-            red[i] = found[i][0];
-            green[i] = found[i][1];
-            blue[i] = found[i][2];
+        for (c, row) in [&mut *red, &mut *green, &mut *blue].into_iter().enumerate() {
+            let mut channel = [R::default(); GROUP];
+            for i in 0..GROUP {
+                channel[i] = found[i][c];
+            }
+            row[at.clone()].copy_from_slice(&channel);
         }
     }
     for (i, &row) in (n - rest.len()..n).zip(rest) {

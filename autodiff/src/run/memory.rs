@@ -1,6 +1,7 @@
 //! How much memory a program will need, before it is allocated.
 
 use super::chunk::{pull_len, sink_len, spans, store_len, widest};
+use super::fused;
 use super::lookup::row_width;
 use super::room::{scratch_len, stride, threads};
 use super::sizes::{Extent, Sizes};
@@ -75,6 +76,11 @@ impl Program {
             }
         }
         let mut arena = Arena::default();
+        let stride = |p: usize| {
+            let phase = &self.phases[p];
+            stride(self, &extent, phase, sizes, &spans(self, &extent, phase))
+        };
+        let fused = fused::lengths(self, &extent, stride);
         for phase in self
             .phases
             .iter()
@@ -104,7 +110,7 @@ impl Program {
         memory.values +=
             threads * (slots(&arena.computed) + bytes(arena.scratch) + bytes(arena.tile));
         memory.tangents += threads * slots(&arena.computed);
-        memory.adjoints += threads * slots(&arena.locals);
+        memory.adjoints += threads * (slots(&arena.locals) + slots(&fused));
         Ok(memory)
     }
 }

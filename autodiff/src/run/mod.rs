@@ -10,6 +10,7 @@ mod corners;
 mod dense;
 mod driver;
 mod explain;
+mod fused;
 mod gradcheck;
 mod hessian;
 mod inspect;

@@ -8,7 +8,7 @@ use super::walk::Observer;
 use super::workspace::Workspace;
 use crate::dual::Dual;
 use crate::error::RunError;
-use crate::graph::{NodeId, Op};
+use crate::graph::Op;
 use crate::program::Program;
 use crate::real::Scalar;
 
@@ -24,6 +24,9 @@ pub trait Engine: Lane {
     #[doc(hidden)]
     #[allow(private_interfaces)]
     fn reverse(state: &mut State<Self>, program: &Program);
+    #[doc(hidden)]
+    #[allow(private_interfaces)]
+    fn gradient(state: &mut State<Self>, program: &Program);
     #[doc(hidden)]
     #[allow(private_interfaces)]
     fn find_non_finite(state: &mut State<Self>, program: &Program) -> Option<NonFinite>;
@@ -43,7 +46,10 @@ macro_rules! engine {
                 state.forward(program, tangents)
             }
             fn reverse(state: &mut State<Self>, program: &Program) {
-                state.reverse(program)
+                state.reverse(program, 0..program.phases.len(), None)
+            }
+            fn gradient(state: &mut State<Self>, program: &Program) {
+                state.gradient(program)
             }
             fn find_non_finite(state: &mut State<Self>, program: &Program) -> Option<NonFinite> {
                 state.find_non_finite(program)
@@ -77,7 +83,9 @@ impl Program {
     /// # Errors
     /// As [`Program::forward`]; an unknown output.
     pub fn vjp<S: Scalar>(&self, ws: &mut Workspace<S>, output: &str) -> Result<(), RunError> {
-        let id = self.start_reverse(ws, output)?;
+        ws.check_ready(self)?;
+        let id = ws.output_id(output)?;
+        ws.state.clear_adjoints();
         ws.state.seed(self, id).fill(S::from_f64(1.0));
         self.finish_reverse(ws);
         Ok(())
@@ -96,9 +104,6 @@ impl Program {
         for (name, cotangent) in cotangents {
             let id = ws.output_id(name)?;
             ws.check_len(name, id, ws.state.len(id), cotangent.len())?;
-        }
-        if !ws.fresh {
-            self.forward(ws)?;
         }
         ws.state.clear_adjoints();
         for (name, cotangent) in cotangents {
@@ -164,22 +169,14 @@ impl Program {
         Ok(())
     }
 
-    fn start_reverse<S: Scalar>(
-        &self,
-        ws: &mut Workspace<S>,
-        output: &str,
-    ) -> Result<NodeId, RunError> {
-        ws.check_ready(self)?;
-        let id = ws.output_id(output)?;
-        if !ws.fresh {
-            self.forward(ws)?;
-        }
-        ws.state.clear_adjoints();
-        Ok(id)
-    }
-
+    /// Passes seeds back; values are computed first if something was bound since they last were.
     fn finish_reverse<S: Scalar>(&self, ws: &mut Workspace<S>) {
-        S::reverse(&mut ws.state, self);
+        if ws.fresh {
+            S::reverse(&mut ws.state, self);
+        } else {
+            S::gradient(&mut ws.state, self);
+            ws.fresh = true;
+        }
         debug_assert!(self.nodes.iter().enumerate().all(|(id, node)| {
             !matches!(node.op, Op::Param)
                 || ws.state.adjoints[id].as_slice().len() == ws.state.len(id)

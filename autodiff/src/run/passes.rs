@@ -6,8 +6,9 @@ use super::chunk::Chunk;
 use super::lane::Lane;
 use super::sinks::accumulate;
 use super::tangent::tangent;
-use super::tiles;
+use super::tiles::{self, Known};
 use super::value::value;
+use crate::buffer::Buffer;
 use crate::graph::NodeId;
 use crate::program::{PullKind, Step};
 
@@ -18,13 +19,9 @@ pub(super) fn forward<R: Lane>(
     chunk: &mut Chunk<R>,
     tangents: bool,
 ) {
-    for sink in &mut chunk.sink {
-        sink.as_mut_slice().fill(R::default());
-    }
+    clear(&mut chunk.sink);
     if tangents {
-        for sink in &mut chunk.sink_tangent {
-            sink.as_mut_slice().fill(R::default());
-        }
+        clear(&mut chunk.sink_tangent);
     }
     fill_constants(env, worker, |_| true);
     if tangents {
@@ -35,21 +32,7 @@ pub(super) fn forward<R: Lane>(
         let by_tiles = R::PACKED && !tangents;
         let steps = if by_tiles { &env.phase.steps[..] } else { &[] };
         for step in steps {
-            match *step {
-                Step::Run(at) => {
-                    let plan = &env.plans[at].forward;
-                    tiles::forward(env, worker, Some(chunk), lanes, &env.phase.runs[at], plan);
-                }
-                Step::Node(id) => {
-                    let op = &env.program.nodes[id].op;
-                    if op.is_sink() {
-                        let at = sink_position(env, id);
-                        accumulate(env, worker, chunk, lanes, id, at, false);
-                    } else if !is_constant(op) {
-                        value(env, worker, lanes, id);
-                    }
-                }
-            }
+            forward_step(env, worker, chunk, lanes, *step, false);
         }
         // Tangents need the value of every node in the arena; dual numbers gain nothing from tiles.
         let nodes = if by_tiles { &[] } else { &env.phase.nodes[..] };
@@ -80,25 +63,37 @@ pub(super) fn forward<R: Lane>(
     }
 }
 
+/// Runs one step of a phase forward on a block; `keep`s what runs compute for the way back.
+pub(super) fn forward_step<R: Lane>(
+    env: &Env<R>,
+    worker: &mut Worker<R>,
+    chunk: &mut Chunk<R>,
+    lanes: Lanes,
+    step: Step,
+    keep: bool,
+) {
+    match step {
+        Step::Run(at) => tiles::forward(env, worker, chunk, lanes, at, keep),
+        Step::Node(id) => {
+            let op = &env.program.nodes[id].op;
+            if op.is_sink() {
+                let at = sink_position(env, id);
+                accumulate(env, worker, chunk, lanes, id, at, false);
+            } else if !is_constant(op) {
+                value(env, worker, lanes, id);
+            }
+        }
+    }
+}
+
 /// Replays the blocks of a chunk and runs them backward.
 pub(super) fn reverse<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, chunk: &mut Chunk<R>) {
-    for pull in &mut chunk.pull {
-        pull.as_mut_slice().fill(R::default());
-    }
+    clear(&mut chunk.pull);
     fill_constants(env, worker, |id| env.replay[id]);
-    let span = chunk.span.clone();
     for lanes in blocks(chunk, env.stride) {
         if R::PACKED {
             replay(env, worker, lanes);
-            worker.written[..env.phase.locals.len()].fill(false);
-            seed(env, worker, lanes);
-            for step in env.phase.steps.iter().rev() {
-                match *step {
-                    Step::Run(at) => tiles::reverse(env, worker, chunk, lanes, at),
-                    Step::Node(id) if env.live[id] => adjoint(env, worker, chunk, lanes, id),
-                    Step::Node(_) => {}
-                }
-            }
+            reverse_block(env, worker, chunk, lanes, None);
         } else {
             for &id in &env.phase.nodes {
                 replay_node(env, worker, lanes, id);
@@ -111,34 +106,69 @@ pub(super) fn reverse<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, chunk: &mut
                 }
             }
         }
-        for (pull, target) in env.phase.pulls.iter().zip(&mut chunk.pull) {
-            if pull.kind != PullKind::Lanes || !env.live[pull.target] {
-                continue;
-            }
-            let (id, slot) = (pull.target, env.slot(pull.target));
-            if !worker.written[slot] {
-                continue;
-            }
-            let axis = env.axis(id);
-            let source = worker.adjoints[slot].as_slice();
-            for c in 0..env.channels(id) {
-                let from = c * env.pitch(id);
-                let to = (c * span.lanes.len() + lanes.start - span.lanes.start) * axis;
-                target.as_mut_slice()[to..to + lanes.len * axis]
-                    .copy_from_slice(&source[from..from + lanes.len * axis]);
-            }
+        pull_lanes(env, worker, chunk, lanes);
+    }
+}
+
+/// Runs a block backward; what it reads outside of runs is in the arena. `known` holds adjoints of sums that are not whole
+/// yet; then what runs read has been kept.
+pub(super) fn reverse_block<R: Lane>(
+    env: &Env<R>,
+    worker: &mut Worker<R>,
+    chunk: &mut Chunk<R>,
+    lanes: Lanes,
+    known: Option<&Known<R>>,
+) {
+    worker.written[..env.phase.locals.len()].fill(false);
+    seed(env, worker, lanes);
+    for step in env.phase.steps.iter().rev() {
+        match *step {
+            Step::Run(at) => tiles::reverse(env, worker, chunk, lanes, at, known),
+            Step::Node(id) if env.live[id] => adjoint(env, worker, chunk, lanes, id),
+            Step::Node(_) => {}
         }
     }
 }
 
+/// Copies adjoints of whole operands on the same lanes to the chunk.
+pub(super) fn pull_lanes<R: Lane>(
+    env: &Env<R>,
+    worker: &Worker<R>,
+    chunk: &mut Chunk<R>,
+    lanes: Lanes,
+) {
+    let span = &chunk.span.lanes;
+    for (pull, target) in env.phase.pulls.iter().zip(&mut chunk.pull) {
+        if pull.kind != PullKind::Lanes || !env.live[pull.target] {
+            continue;
+        }
+        let (id, slot) = (pull.target, env.slot(pull.target));
+        if !worker.written[slot] {
+            continue;
+        }
+        let axis = env.axis(id);
+        let source = worker.adjoints[slot].as_slice();
+        for c in 0..env.channels(id) {
+            let from = c * env.pitch(id);
+            let to = (c * span.len() + lanes.start - span.start) * axis;
+            target.as_mut_slice()[to..to + lanes.len * axis]
+                .copy_from_slice(&source[from..from + lanes.len * axis]);
+        }
+    }
+}
+
+/// Starts accumulations anew.
+pub(super) fn clear<R: Lane>(accumulations: &mut [Buffer<R>]) {
+    for sums in accumulations {
+        sums.as_mut_slice().fill(R::default());
+    }
+}
+
 /// Computes again what the reverse pass reads outside of runs.
-fn replay<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes) {
+pub(super) fn replay<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes) {
     for step in &env.phase.steps {
         match *step {
-            Step::Run(at) => {
-                let plan = &env.plans[at].replay;
-                tiles::forward(env, worker, None, lanes, &env.phase.runs[at], plan);
-            }
+            Step::Run(at) => tiles::replay(env, worker, lanes, at),
             Step::Node(id) => replay_node(env, worker, lanes, id),
         }
     }

@@ -288,11 +288,20 @@ impl Adjoints {
                     self.has[row] = true;
                 }
             }
-            self.pulls.push(Pull {
-                of: *instruction,
-                operand: i as u8,
-                add: self.has[row],
+            let add = self.has[row];
+            let first = self.pulls.last_mut().filter(|pull| {
+                let same = pull.of.out == instruction.out;
+                i == 1 && same && pull.operand == 0 && instruction.x[0] != instruction.x[1]
             });
+            match first {
+                Some(first) => first.both = Some(add),
+                None => self.pulls.push(Pull {
+                    of: *instruction,
+                    operand: i as u8,
+                    add,
+                    both: None,
+                }),
+            }
             self.has[row] = true;
             let reads = instruction.element.reads(i);
             for j in 0..instruction.element.arity() {

@@ -6,10 +6,14 @@ use super::rows::PARTIALS;
 use super::sizes::{Extent, Sizes};
 use crate::buffer::Buffer;
 use crate::graph::{NodeId, Op};
+use crate::op::tile::TILE;
 use crate::program::{Phase, Program};
 
 /// How many times larger than others a value along an axis may be in a block.
 const WIDE: usize = 16;
+
+/// Channels this many elements apart compete for the same lines of L1; matrix products read many channels at once.
+const CONFLICT: usize = 256;
 
 /// Lanes of the largest block of a phase.
 pub(super) fn stride(
@@ -23,7 +27,12 @@ pub(super) fn stride(
     // Few values of a phase are wide: they may overflow L1 as long as blocks keep enough lanes.
     let wide = (WIDE * sizes.block) / widest(program, extent, phase);
     let wanted = sizes.block.min(wide).min(longest);
-    wanted.next_multiple_of(PARTIALS).max(PARTIALS)
+    let stride = wanted.next_multiple_of(PARTIALS).max(PARTIALS);
+    let multiplies = |id: &NodeId| matches!(program.nodes[*id].op, Op::Matmul);
+    if stride % CONFLICT == 0 && phase.nodes.iter().any(multiplies) {
+        return stride - TILE;
+    }
+    stride
 }
 
 /// Threads to share work among.

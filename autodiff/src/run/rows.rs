@@ -106,14 +106,37 @@ pub(super) fn spread<R: Real>(partial: &mut [R], phase: usize, source: &[R]) {
 pub(super) fn total<R: Real>(partial: &[R]) -> R {
     let mut sums = [R::default(); PARTIALS];
     sums.copy_from_slice(&partial[..PARTIALS]);
-    let mut width = PARTIALS / 2;
-    while width > 0 {
-        for i in 0..width {
-            sums[i] = sums[i] + sums[i + width];
-        }
-        width /= 2;
+    pairwise(sums)
+}
+
+/// A step for each width, and a new array for each step: written in place, the halves would go through memory.
+#[inline(always)]
+fn pairwise<R: Real>(sums: [R; PARTIALS]) -> R {
+    let mut eight = [R::default(); 8];
+    for i in 0..8 {
+        eight[i] = sums[i] + sums[i + 8];
     }
-    sums[0]
+    let mut four = [R::default(); 4];
+    for i in 0..4 {
+        four[i] = eight[i] + eight[i + 4];
+    }
+    (four[0] + four[2]) + (four[1] + four[3])
+}
+
+/// [`spread`] from zero and [`total`] in one.
+#[inline(always)]
+pub(super) fn whole_sum<R: Real>(row: &[R]) -> R {
+    let mut sums = [R::default(); PARTIALS];
+    let (whole, rest) = row.as_chunks::<PARTIALS>();
+    for chunk in whole {
+        for i in 0..PARTIALS {
+            sums[i] = sums[i] + chunk[i];
+        }
+    }
+    for (sum, x) in sums.iter_mut().zip(rest) {
+        *sum = *sum + *x;
+    }
+    pairwise(sums)
 }
 
 /// Sum of a whole row, in a fixed order.

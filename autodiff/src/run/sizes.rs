@@ -91,6 +91,17 @@ impl Segments {
         }
     }
 
+    /// Lanes of the longest segment.
+    pub fn longest(&self, parents: usize) -> usize {
+        match self {
+            Segments::Fixed(count) => *count,
+            Segments::Offsets(offsets) => {
+                let lens = (0..parents).map(|p| (offsets[p + 1] - offsets[p]) as usize);
+                lens.max().unwrap_or(0)
+            }
+        }
+    }
+
     /// The parent of a lane.
     pub fn parent(&self, lane: usize) -> usize {
         match self {

@@ -5,7 +5,7 @@ use pulp::Simd;
 use super::chunk::Span;
 use super::lookup::{Rows, gather_rows, scatter_rows};
 use super::plan::{Adjoints, Values};
-use super::rows::{PARTIALS, spread, total};
+use super::rows::{PARTIALS, spread, total, whole_sum};
 use super::sizes::{Piece, Pieces, Segments};
 use crate::buffer::Buffer;
 use crate::op::kernel::Kernel;
@@ -46,8 +46,29 @@ pub(super) struct Spread<'a, R> {
     pub add: bool,
     /// The parents' adjoints, or the only one.
     pub adjoint: &'a [R],
+    /// The parent that the first of them belongs to.
+    pub first: usize,
     pub segments: bool,
     pub mean: bool,
+}
+
+/// Rows of values.
+pub(super) struct Tiles<'a, R> {
+    pub rows: &'a mut [R],
+    /// Rows of one tile.
+    pub count: usize,
+    /// Whether every tile has its own rows; else all use the same.
+    pub kept: bool,
+}
+
+impl<R: Real> Tiles<'_, R> {
+    /// The rows of the tile that starts at lane `at`.
+    #[inline(always)]
+    fn rows(&mut self, at: usize) -> &mut [Row<R>] {
+        let (rows, _) = self.rows.as_chunks_mut::<TILE>();
+        let first = if self.kept { at / TILE * self.count } else { 0 };
+        &mut rows[first..first + self.count]
+    }
 }
 
 /// What both directions share.
@@ -62,7 +83,7 @@ pub(super) struct Block<'a, R> {
     /// What is read, row by row; rows that are not read are empty.
     pub sources: &'a [&'a [R]],
     pub lookups: &'a [Filled<'a, R>],
-    pub rows: &'a mut [R],
+    pub tiles: Tiles<'a, R>,
 }
 
 /// The forward direction of a run.
@@ -79,14 +100,15 @@ impl<R: Real> Kernel for Forward<'_, R> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let block = self.block;
-        let (rows, _) = block.rows.as_chunks_mut::<TILE>();
-        let mut parts = Parts::new(block.segments, block.start);
+        let mut block = self.block;
+        let mut found = [Part::default(); TILE];
+        let mut parts = Parts::new(block.segments, block.start, &mut found);
         for at in (0..block.len).step_by(TILE) {
             let len = TILE.min(block.len - at);
             if block.by_segments {
                 parts.advance(len);
             }
+            let rows = block.tiles.rows(at);
             fill(rows, block.sources, block.lookups, &parts, at, len);
             for instruction in &self.plan.instructions {
                 evaluate::<R, S>(instruction, rows);
@@ -107,11 +129,12 @@ impl<R: Real> Kernel for Forward<'_, R> {
     }
 }
 
-/// The reverse direction of a run: values are computed again in the tile, then adjoints passed back.
+/// The reverse direction of a run: values are computed again in the tile, unless they were kept, then adjoints passed back.
 pub(super) struct Reverse<'a, R> {
-    /// Its rows are values, then as many adjoints.
     pub block: Block<'a, R>,
     pub plan: &'a Adjoints,
+    /// As many rows of adjoints as of values.
+    pub adjoint_rows: &'a mut [R],
     pub adjoints: &'a [&'a [R]],
     pub spreads: &'a [Spread<'a, R>],
     pub targets: &'a mut [Buffer<R>],
@@ -125,19 +148,22 @@ impl<R: Real> Kernel for Reverse<'_, R> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let (block, plan) = (self.block, self.plan);
-        let (rows, _) = block.rows.as_chunks_mut::<TILE>();
-        let half = rows.len() / 2;
-        let (values, adjoints) = rows.split_at_mut(half);
-        let mut parts = Parts::new(block.segments, block.start);
+        let (mut block, plan) = (self.block, self.plan);
+        let (adjoints, _) = self.adjoint_rows.as_chunks_mut::<TILE>();
+        let mut found = [Part::default(); TILE];
+        let mut parts = Parts::new(block.segments, block.start, &mut found);
         for at in (0..block.len).step_by(TILE) {
             let len = TILE.min(block.len - at);
             if block.by_segments {
                 parts.advance(len);
             }
-            fill(values, block.sources, block.lookups, &parts, at, len);
-            for instruction in &plan.instructions {
-                evaluate::<R, S>(instruction, values);
+            let kept = block.tiles.kept;
+            let values = block.tiles.rows(at);
+            if !kept {
+                fill(values, block.sources, block.lookups, &parts, at, len);
+                for instruction in &plan.instructions {
+                    evaluate::<R, S>(instruction, values);
+                }
             }
             for import in &plan.imports {
                 let start = import.offset + at;
@@ -199,7 +225,7 @@ fn table_rows(channels: usize) -> Rows {
 /// The parts of segments in a tile.
 struct Parts<'a> {
     pieces: Pieces<'a>,
-    found: [Part; TILE],
+    found: &'a mut [Part; TILE],
     count: usize,
     first: usize,
 }
@@ -218,10 +244,10 @@ struct Part {
 
 impl<'a> Parts<'a> {
     #[inline(always)]
-    fn new(segments: &'a Segments, start: usize) -> Self {
+    fn new(segments: &'a Segments, start: usize, found: &'a mut [Part; TILE]) -> Self {
         Parts {
             pieces: segments.pieces(start, 1),
-            found: [Part::default(); TILE],
+            found,
             count: 0,
             first: start,
         }
@@ -316,7 +342,7 @@ fn expand<R: Real>(spread: &Spread<R>, row: &mut Row<R>, parts: &Parts) {
         return put(row, &whole, spread.adjoint[0], spread.add);
     }
     for part in parts.all() {
-        let value = spread.adjoint[part.parent];
+        let value = spread.adjoint[part.parent - spread.first];
         let value = match spread.mean {
             true => value * R::from_f64(1.0 / part.len as f64),
             false => value,
@@ -344,16 +370,22 @@ fn accumulate<R: Real>(
         return spread(partial, first, row);
     }
     for part in parts.all() {
-        if part.phase == 0 {
-            partial.fill(R::default());
-        }
         let lanes = &row[part.start..part.end];
-        spread(partial, part.phase, lanes);
-        if part.phase + lanes.len() == part.len {
-            let total = total(partial);
-            let mean = R::from_f64(1.0 / part.len as f64);
-            let target = &mut sums[channel * parents + part.parent - span.parents.start];
-            *target = *target + if sum.mean { total * mean } else { total };
-        }
+        let total = if lanes.len() == part.len {
+            // The whole segment: its sum stays in registers.
+            whole_sum(lanes)
+        } else {
+            if part.phase == 0 {
+                partial.fill(R::default());
+            }
+            spread(partial, part.phase, lanes);
+            if part.phase + lanes.len() < part.len {
+                continue;
+            }
+            total(partial)
+        };
+        let mean = R::from_f64(1.0 / part.len as f64);
+        let target = &mut sums[channel * parents + part.parent - span.parents.start];
+        *target = *target + if sum.mean { total * mean } else { total };
     }
 }

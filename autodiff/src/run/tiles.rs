@@ -1,20 +1,22 @@
 //! Executes the runs of a block.
 
 use std::mem::take;
+use std::ops::Range;
 
-use super::block::{Env, Lanes, Worker};
+use super::block::{Env, Lanes, Lent, Place, Worker};
 use super::chunk::{Chunk, Span};
 use super::lane::Lane;
 use super::passes::sink_position;
 use super::plan::Values;
 use super::segments::segments_of;
-use super::tile_kernel::{Block, Filled, Forward, Lookup, Reverse, Spread, Summed};
+use super::sizes::Extent;
+use super::tile_kernel::{Block, Filled, Forward, Lookup, Reverse, Spread, Summed, Tiles};
 use super::value::values;
 use crate::buffer::Buffer;
 use crate::graph::{NodeId, Op};
 use crate::op::kernel::dispatch;
 use crate::op::tile::TILE;
-use crate::program::{LIMIT, Phase, Run};
+use crate::program::{LIMIT, Phase, Program, Run};
 
 /// Elements of the tile of a thread: values, and as many adjoints.
 pub(super) fn tile_len(phase: &Phase) -> usize {
@@ -22,38 +24,115 @@ pub(super) fn tile_len(phase: &Phase) -> usize {
     2 * rows * TILE
 }
 
-/// Computes values of a run; accumulates its sums in the chunk, if given.
+/// Elements of all rows of all tiles of a block of `stride` lanes.
+pub(super) fn kept_len(program: &Program, extent: &Extent, phase: &Phase, stride: usize) -> usize {
+    let axis = |run: &Run| extent.axis(program.nodes[run.nodes[0]].shape.axis);
+    let lens = phase.runs.iter();
+    lens.map(|run| run_len(run, stride * axis(run))).sum()
+}
+
+/// Elements of the rows of as many tiles as `len` elements need.
+fn run_len(run: &Run, len: usize) -> usize {
+    run.rows() * len.next_multiple_of(TILE)
+}
+
+/// Where the rows of a run are kept.
+fn kept<R: Lane>(env: &Env<R>, at: usize) -> Range<usize> {
+    let len = |run: &Run| run_len(run, env.stride * env.axis(run.nodes[0]));
+    let start = env.phase.runs[..at].iter().map(len).sum();
+    start..start + len(&env.phase.runs[at])
+}
+
+/// Adjoints of sums that are not whole yet, in the arena of the phase that reads them.
+pub(super) struct Known<'a, R> {
+    pub adjoints: &'a [Buffer<R>],
+    pub places: &'a [Place],
+    pub sums: &'a [NodeId],
+    /// The first parent that they are there for.
+    pub first: usize,
+}
+
+impl<'a, R: Lane> Known<'a, R> {
+    /// There are no such sums.
+    pub fn nothing() -> Self {
+        Known {
+            adjoints: &[],
+            places: &[],
+            sums: &[],
+            first: 0,
+        }
+    }
+
+    /// The adjoints of one channel of a sum.
+    fn channel(&self, sum: NodeId, channel: usize) -> Option<&'a [R]> {
+        self.sums.contains(&sum).then(|| {
+            let place = self.places[sum];
+            let all = self.adjoints[place.slot as usize].as_slice();
+            &all[channel * place.pitch..(channel + 1) * place.pitch]
+        })
+    }
+}
+
+/// Computes values of a run and accumulates its sums in the chunk; `keep`s its rows.
 pub(super) fn forward<R: Lane>(
     env: &Env<R>,
     worker: &mut Worker<R>,
-    chunk: Option<&mut Chunk<R>>,
+    chunk: &mut Chunk<R>,
     lanes: Lanes,
-    run: &Run,
+    at: usize,
+    keep: bool,
+) {
+    let sinks = &env.phase.runs[at].sinks;
+    let positions = || sinks.iter().map(|&sink| sink_position(env, sink));
+    let mut accumulations = take(&mut worker.lent.chunk);
+    lend(&mut accumulations, positions(), &mut chunk.sink);
+    let plan = &env.plans[at].forward;
+    let into = Some((&chunk.span, &mut accumulations[..]));
+    compute(env, worker, lanes, at, plan, into, keep);
+    give_back(&mut accumulations, positions(), &mut chunk.sink);
+    worker.lent.chunk = accumulations;
+}
+
+/// Computes again what the reverse pass reads outside of a run.
+pub(super) fn replay<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes, at: usize) {
+    let plan = &env.plans[at].replay;
+    compute(env, worker, lanes, at, plan, None, false);
+}
+
+fn compute<R: Lane>(
+    env: &Env<R>,
+    worker: &mut Worker<R>,
+    lanes: Lanes,
+    at: usize,
     plan: &Values,
+    into: Option<(&Span, &mut [Buffer<R>])>,
+    keep: bool,
 ) {
     if plan.instructions.is_empty() {
         return;
     }
-    let mut targets = take_all(plan.targets.iter().copied(), &mut worker.values);
-    let mut tile = take(&mut worker.tile);
+    let run = &env.phase.runs[at];
+    let mut targets = take(&mut worker.lent.arena);
+    let slots = || plan.targets.iter().copied();
+    lend(&mut targets, slots(), &mut worker.values);
+    let mut storage = match keep {
+        true => take(&mut worker.kept),
+        false => take(&mut worker.tile),
+    };
+    let rows = match keep {
+        true => kept(env, at),
+        false => 0..run_len(run, TILE),
+    };
     let mut sums = [Summed::default(); LIMIT];
-    let summed = if plan.sums { &run.sinks[..] } else { &[] };
-    for (sum, &sink) in sums.iter_mut().zip(summed) {
-        *sum = summed_rows(env, run, sink);
-    }
     let nothing = Span {
         lanes: 0..0,
         parents: 0..0,
     };
-    let positions = || summed.iter().map(|&sink| sink_position(env, sink));
-    let (mut accumulations, span, sink) = match chunk {
-        Some(chunk) => (
-            take_all(positions(), &mut chunk.sink),
-            &chunk.span,
-            Some(&mut chunk.sink),
-        ),
-        None => (empty(), &nothing, None),
-    };
+    let (span, accumulations) = into.unwrap_or((&nothing, &mut []));
+    let summed = &run.sinks[..accumulations.len().min(run.sinks.len())];
+    for (sum, &sink) in sums.iter_mut().zip(summed) {
+        *sum = summed_rows(env, run, sink);
+    }
     let mut sources: [&[R]; LIMIT] = [&[]; LIMIT];
     let mut lookups = [no_lookup(); LIMIT];
     let block = block(
@@ -62,39 +141,55 @@ pub(super) fn forward<R: Lane>(
         span,
         &mut sources,
         &mut lookups,
-        tile.as_mut_slice(),
+        Tiles {
+            rows: &mut storage.as_mut_slice()[rows],
+            count: run.rows(),
+            kept: keep,
+        },
     );
     let kernel = Forward {
         block,
         plan,
         targets: &mut targets,
         sums: &sums[..summed.len()],
-        accumulations: &mut accumulations,
+        accumulations,
     };
     dispatch(env.arch, kernel);
-    if let Some(sink) = sink {
-        put_back(accumulations, positions(), sink);
+    match keep {
+        true => worker.kept = storage,
+        false => worker.tile = storage,
     }
-    worker.tile = tile;
-    put_back(targets, plan.targets.iter().copied(), &mut worker.values);
+    give_back(&mut targets, slots(), &mut worker.values);
+    worker.lent.arena = targets;
 }
 
-/// Passes the adjoints of a run back.
+/// Passes the adjoints of a run back. Its values are computed again, unless there are `known` adjoints: then they were kept.
 pub(super) fn reverse<R: Lane>(
     env: &Env<R>,
     worker: &mut Worker<R>,
     chunk: &mut Chunk<R>,
     lanes: Lanes,
     at: usize,
+    known: Option<&Known<R>>,
 ) {
     let (run, plan) = (&env.phase.runs[at], &env.plans[at].adjoints);
     if plan.pulls.is_empty() {
         return;
     }
-    let mut targets = take_all(plan.targets.iter().copied(), &mut worker.adjoints);
+    let Lent {
+        arena: mut targets,
+        chunk: mut pulls,
+    } = take(&mut worker.lent);
+    let slots = || plan.targets.iter().copied();
+    lend(&mut targets, slots(), &mut worker.adjoints);
     let positions = || plan.lookups.iter().map(|lookup| lookup.pull);
-    let mut pulls = take_all(positions(), &mut chunk.pull);
-    let mut tile = take(&mut worker.tile);
+    lend(&mut pulls, positions(), &mut chunk.pull);
+    let (mut tile, mut storage) = (take(&mut worker.tile), take(&mut worker.kept));
+    let (again, adjoint_rows) = tile.as_mut_slice().split_at_mut(run_len(run, TILE));
+    let rows = match known {
+        Some(_) => &mut storage.as_mut_slice()[kept(env, at)],
+        None => again,
+    };
     let mut adjoints: [&[R]; LIMIT] = [&[]; LIMIT];
     for (adjoint, &slot) in adjoints.iter_mut().zip(&plan.sources) {
         debug_assert!(worker.written[slot]);
@@ -104,10 +199,18 @@ pub(super) fn reverse<R: Lane>(
     for (spread, sum) in spreads.iter_mut().zip(&plan.sums) {
         let all = env.all_lanes(sum.sink);
         let summed = summed_rows(env, run, sum.sink);
+        let early = known.and_then(|known| known.channel(sum.sink, sum.channel));
+        let whole = || {
+            let whole = env.adjoints[sum.sink].as_slice();
+            &whole[sum.channel * all..(sum.channel + 1) * all]
+        };
         *spread = Spread {
             row: sum.row,
             add: sum.add,
-            adjoint: &env.adjoints[sum.sink].as_slice()[sum.channel * all..(sum.channel + 1) * all],
+            adjoint: early.unwrap_or_else(whole),
+            first: known
+                .filter(|_| early.is_some())
+                .map_or(0, |known| known.first),
             segments: summed.segments,
             mean: summed.mean,
         };
@@ -118,18 +221,22 @@ pub(super) fn reverse<R: Lane>(
     }
     let mut sources: [&[R]; LIMIT] = [&[]; LIMIT];
     let mut lookups = [no_lookup(); LIMIT];
-    let rows = 2 * run.rows() * TILE;
     let block = block(
         (env, worker, lanes, run),
         &plan.reads,
         &chunk.span,
         &mut sources,
         &mut lookups,
-        &mut tile.as_mut_slice()[..rows],
+        Tiles {
+            rows,
+            count: run.rows(),
+            kept: known.is_some(),
+        },
     );
     let kernel = Reverse {
         block,
         plan,
+        adjoint_rows: &mut adjoint_rows[..run_len(run, TILE)],
         adjoints: &adjoints,
         spreads: &spreads[..plan.sums.len()],
         targets: &mut targets,
@@ -137,12 +244,16 @@ pub(super) fn reverse<R: Lane>(
         pulls: &mut pulls,
     };
     dispatch(env.arch, kernel);
-    worker.tile = tile;
-    put_back(pulls, positions(), &mut chunk.pull);
+    (worker.tile, worker.kept) = (tile, storage);
+    give_back(&mut pulls, positions(), &mut chunk.pull);
     for &slot in &plan.targets {
         worker.written[slot] = true;
     }
-    put_back(targets, plan.targets.iter().copied(), &mut worker.adjoints);
+    give_back(&mut targets, slots(), &mut worker.adjoints);
+    worker.lent = Lent {
+        arena: targets,
+        chunk: pulls,
+    };
 }
 
 /// Fills unused places of a list.
@@ -161,7 +272,7 @@ fn block<'a, R: Lane>(
     span: &'a Span,
     sources: &'a mut [&'a [R]; LIMIT],
     lookups: &'a mut [Filled<'a, R>; LIMIT],
-    rows: &'a mut [R],
+    tiles: Tiles<'a, R>,
 ) -> Block<'a, R> {
     let view = values(env, worker);
     let is_lookup = |id: NodeId| run.lookups.iter().any(|&(lookup, _)| lookup == id);
@@ -189,7 +300,7 @@ fn block<'a, R: Lane>(
         span,
         sources: &sources[..run.externals.len()],
         lookups: &lookups[..count],
-        rows,
+        tiles,
     }
 }
 
@@ -232,27 +343,22 @@ fn summed_rows<R>(env: &Env<R>, run: &Run, sink: NodeId) -> Summed {
     }
 }
 
-fn empty<R: Lane>() -> [Buffer<R>; LIMIT] {
-    std::array::from_fn(|_| Buffer::default())
-}
-
-fn take_all<R: Lane>(
-    slots: impl Iterator<Item = usize>,
-    arena: &mut [Buffer<R>],
-) -> [Buffer<R>; LIMIT] {
-    let mut taken = empty();
-    for (taken, slot) in taken.iter_mut().zip(slots) {
-        *taken = take(&mut arena[slot]);
-    }
-    taken
-}
-
-fn put_back<R: Lane>(
-    taken: [Buffer<R>; LIMIT],
+/// Moves buffers out of an arena, to be written to while the others are read.
+fn lend<R: Lane>(
+    lent: &mut Vec<Buffer<R>>,
     slots: impl Iterator<Item = usize>,
     arena: &mut [Buffer<R>],
 ) {
-    for (buffer, slot) in taken.into_iter().zip(slots) {
+    lent.clear();
+    lent.extend(slots.map(|slot| take(&mut arena[slot])));
+}
+
+fn give_back<R: Lane>(
+    lent: &mut Vec<Buffer<R>>,
+    slots: impl Iterator<Item = usize>,
+    arena: &mut [Buffer<R>],
+) {
+    for (buffer, slot) in lent.drain(..).zip(slots) {
         arena[slot] = buffer;
     }
 }
