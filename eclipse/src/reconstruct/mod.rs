@@ -6,6 +6,7 @@ pub mod detail;
 pub mod fast;
 pub mod finish;
 pub mod hold_out;
+pub mod laplace;
 pub mod least_squares;
 pub mod lobe;
 pub mod model;
@@ -20,5 +21,6 @@ pub mod sites;
 pub mod sky;
 pub mod surface;
 pub mod transport;
+pub mod uncertainty;
 
 pub use run::{ReconstructError, memory, photometric, run};
