@@ -1,7 +1,11 @@
 //! Predicted standard deviations against the spread of solutions over draws of the noise.
 
+use std::fs;
+
 use eclipse::{
     capture::Capture,
+    image_io::read_exr,
+    output,
     reconstruct::{
         detail::Data,
         fast::{self, Problem, Stage, Start},
@@ -12,6 +16,8 @@ use eclipse::{
         patches::Observations,
         uncertainty::{Deviations, Posterior},
     },
+    reconstruction::{Uncertainty, UncertaintySummary},
+    report::{ReportOptions, html},
     settings::OccluderPrior,
 };
 use eclipse_tests::perfect;
@@ -207,6 +213,61 @@ fn more_products_only_make_surer_and_all_is_more_than_noise() {
     println!("{:?}", all.iter().map(|a| mean(a)).collect::<Vec<_>>());
     assert!(mean(&all[3]) < 0.7 * mean(&all[0]));
     assert!(mean(&of(160, Part::Noise)) < mean(&all[3]));
+}
+
+#[test]
+fn deviations_are_written_and_shown_and_do_not_outlive_their_run() {
+    let capture = perfect::capture();
+    let mut found = perfect::reconstruction(&capture);
+    let mut environment = found.environment.clone();
+    environment.data.iter_mut().for_each(|v| *v *= 0.25);
+    found.uncertainty = Some(Uncertainty {
+        environment,
+        occluders: found.occluders.clone(),
+        albedo: found.renders.clone(),
+        vertex_albedo: vec![[0.1; 3]; capture.mesh.positions.len()],
+        summary: UncertaintySummary {
+            environment: 0.25,
+            albedo: 0.125,
+            occluders: (0..found.occluders.len())
+                .map(|t| (t > 0).then_some(0.5))
+                .collect(),
+            ..Default::default()
+        },
+    });
+    let folder = tempfile::tempdir().unwrap();
+    let options = ReportOptions::default();
+    output::write(folder.path(), &capture, &found, &options).unwrap();
+    let deviation = read_exr(&folder.path().join("environment_sd.exr")).unwrap();
+    assert_eq!(
+        deviation.data,
+        found.uncertainty.as_ref().unwrap().environment.data
+    );
+    for name in ["occluders_sd", "albedo_sd"] {
+        let count = fs::read_dir(folder.path().join(name)).unwrap().count();
+        assert_eq!(count, capture.frames.len(), "{name}");
+    }
+    let page = html(&capture, &found, &options).unwrap();
+    assert!(page.contains("off by 0.25 of its RMS and albedo by 0.125"));
+    assert!(page.contains("id=\"environment-sd\"") && page.contains("id=\"frame-albedo-sd\""));
+    assert_eq!(
+        page.matches(" ± 0.5</figcaption>").count(),
+        found.occluders.len() - 1
+    );
+    found.uncertainty = None;
+    output::write(folder.path(), &capture, &found, &options).unwrap();
+    assert!(!folder.path().join("environment_sd.exr").exists());
+    assert_eq!(
+        fs::read_dir(folder.path().join("albedo_sd"))
+            .unwrap()
+            .count(),
+        0
+    );
+    assert!(
+        !html(&capture, &found, &options)
+            .unwrap()
+            .contains("environment-sd\" src")
+    );
 }
 
 #[test]

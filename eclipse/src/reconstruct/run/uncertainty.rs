@@ -19,7 +19,7 @@ use crate::reconstruction::{Ended, Reconstruction, Uncertainty};
 /// Products for each step of the solve, which itself takes 25: about a tenth of its time where most steps are fine ones.
 const PRODUCTS: f64 = 1.8;
 /// Most products: about the directions that photographs determine well.
-const MOST_PRODUCTS: usize = 160;
+pub(super) const MOST_PRODUCTS: usize = 160;
 /// Probes of what those directions leave free.
 const PROBES: usize = 8;
 /// Share of the seconds so far that may be spent when there is a time limit.
