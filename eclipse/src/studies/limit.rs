@@ -123,10 +123,9 @@ fn evidence(bench: &Bench<'_>, studied: &[Studied]) -> Evidence {
         .iter()
         .map(|s| {
             let of = |limit: &Limit| {
-                let revealed: Vec<Value> = limit
-                    .revealed
-                    .iter()
-                    .map(|(degrees, share)| json!({"degrees": degrees, "revealed": share}))
+                let revealed = limit.revealed.iter();
+                let revealed: Map<String, Value> = revealed
+                    .map(|(degrees, share)| (format!("{} degrees", number(*degrees)), json!(share)))
                     .collect();
                 (
                     label(limit),
@@ -174,14 +173,13 @@ fn figures(studied: &Studied) -> [Figure; 2] {
     };
     let all = studied.limits.iter().flat_map(|l| l.revealed.iter());
     let coarsest = all.map(|r| r.0).fold(1.0, f64::max);
-    let finest = 180.0 / studied.limits[0].grid.rows as f64;
     let resolved = Figure {
         name: format!("{}-resolved", studied.name),
         caption: "The share of the light's variance that the photographs reveal, over the size of the detail: 1 is everything, 0 \
                   nothing."
             .into(),
         content: Content::Chart(Chart {
-            x: Axis::logarithmic("size of detail, degrees", [0.9 * finest, 1.1 * coarsest]),
+            x: Axis::linear("size of detail, degrees", [0.0, 1.05 * coarsest]),
             y: Axis::linear("share of variance revealed", [0.0, 1.0]),
             series: studied.limits.iter().map(series).collect(),
         }),

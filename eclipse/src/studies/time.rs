@@ -120,7 +120,6 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
         .iter()
         .map(|row| {
             let all = || row.curves.iter().flatten();
-            let low = all().map(|p| p[0]).fold(f64::INFINITY, f64::min);
             let high = all().map(|p| p[0]).fold(0.0, f64::max);
             let worst = all().map(|p| p[1]).fold(0.0, f64::max);
             let series = |k: usize| {
@@ -131,7 +130,7 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
                 name: format!("{}-over-time", row.name),
                 caption: "Relative RMSE of the light over seconds of solving.".into(),
                 content: Content::Chart(Chart {
-                    x: Axis::logarithmic("seconds", [0.8 * low, 1.2 * high]),
+                    x: Axis::linear("seconds", [0.0, 1.05 * high]),
                     y: Axis::linear("relative RMSE of the light", [0.0, 1.1 * worst]),
                     series: vec![series(0), series(1)],
                 }),
