@@ -1,22 +1,21 @@
 //! What a capture can resolve, before anything is solved: the error of the best linear estimate of its light.
 
-mod information;
-
 use std::rc::Rc;
 
 use render::image::Image;
 use serde_json::{Map, Value, json};
 
-use self::information::{Grain, Limit, limits};
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
     evidence::{Axis, Chart, Content, Figure, Picture, Series, Tone},
 };
-use crate::{capture::Capture, report::text::number};
+use crate::{
+    capture::Capture,
+    inspect::limit::{Grain, Limit, MODEL_ERROR, limits},
+    report::text::number,
+};
 
-/// Share of a value that is left to what the right model would not explain: what the solver leaves to it.
-const MODEL_ERROR: f64 = 0.004;
 /// An occluder that leaves more than this share of the error without it helps too little to be called help.
 const HELPS: f64 = 0.9;
 /// Quick, full.

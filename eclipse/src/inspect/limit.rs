@@ -13,11 +13,12 @@ use render::{
     lat_long::{Bilinear, LatLong},
     transport::Quadrature,
 };
+use serde::Serialize;
 
-use super::super::StudyError;
 use crate::{
     capture::Capture,
     reconstruct::{
+        ReconstructError,
         cutout::Stand,
         model::mask_grid,
         noise,
@@ -33,6 +34,49 @@ use crate::{
 const ALBEDO_PRECISION: f64 = 16.0;
 /// Matrices are summed in so many parts, however many threads there are: results do not depend on it.
 const PARTS: usize = 8;
+
+/// Share of a value that is left to what even the right model would not explain: what the solver leaves to it.
+pub const MODEL_ERROR: f64 = 0.004;
+/// More pixels than this take longer than anybody waits for an inspection.
+const MOST_PIXELS: usize = 4_000_000;
+/// How finely an inspection looks.
+const GLANCE: Grain = Grain {
+    rows: 8,
+    patches: 120,
+};
+
+/// What photographs can tell of the light at best, the albedo being unknown.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct LimitInspection {
+    /// Size of a texel in degrees.
+    pub texel: f64,
+    /// The error that is left of the light's variation with somebody behind each camera, were it known where.
+    pub with_somebody: f64,
+    /// The same with nobody in the light.
+    pub with_nobody: f64,
+}
+
+/// At a glance; nothing where there is nothing to see, or so much that it takes long.
+pub(super) fn inspect(capture: &Capture) -> Option<LimitInspection> {
+    let inside = |mask: &[f32]| mask.iter().filter(|&&m| m > 0.5).count();
+    let frames = capture.frames.iter();
+    let pixels: usize = frames.map(|frame| inside(&frame.mask.data)).sum();
+    if pixels > MOST_PIXELS {
+        return None;
+    }
+    let limits = limits(capture, GLANCE, MODEL_ERROR, 0).ok()?;
+    let of = |operator: bool| {
+        let limit = limits
+            .iter()
+            .find(|l| l.known.operator == operator && !l.known.albedo);
+        limit.map(|limit| limit.error)
+    };
+    Some(LimitInspection {
+        texel: 180.0 / GLANCE.rows as f64,
+        with_somebody: of(true)?,
+        with_nobody: of(false)?,
+    })
+}
 
 /// How finely it is computed.
 #[derive(Clone, Copy, Debug)]
@@ -76,7 +120,7 @@ pub fn limits(
     grain: Grain,
     model_error: f64,
     seed: u64,
-) -> Result<Vec<Limit>, StudyError> {
+) -> Result<Vec<Limit>, ReconstructError> {
     let scene = Scene::new(capture, grain, model_error, seed)?;
     let mut limits = Vec::new();
     for operator in [false, true] {
@@ -84,7 +128,7 @@ pub fn limits(
         let [known, unknown] = scene.grams(masks.as_deref());
         for (gram, albedo) in [(known, true), (unknown, false)] {
             let known = Known { operator, albedo };
-            limits.push(Limit::new(known, scene.grid, gram)?);
+            limits.push(Limit::new(known, scene.grid, gram));
         }
     }
     Ok(limits)
@@ -110,7 +154,7 @@ impl<'a> Scene<'a> {
         grain: Grain,
         model_error: f64,
         seed: u64,
-    ) -> Result<Self, StudyError> {
+    ) -> Result<Self, ReconstructError> {
         let bvh = Bvh::new(&capture.mesh)?;
         let grid = LatLong::new(grain.rows, 2 * grain.rows);
         let noise = noise::estimate(&capture.frames);
@@ -122,7 +166,7 @@ impl<'a> Scene<'a> {
         let frames = &capture.frames;
         let observations = Observations::gather(&bvh, frames, &noise, &options, seed, &|_, _| true);
         if observations.views.is_empty() {
-            return Err(StudyError::Nothing("pixels wholly inside the masks"));
+            return Err(ReconstructError::NothingToFit);
         }
         let quadrature = Quadrature::new(grid, 2);
         let stands = Stand::behind_all(frames.iter().map(|f| &f.camera));
@@ -141,13 +185,11 @@ impl<'a> Scene<'a> {
     }
 
     /// Somebody behind each camera: `[texel][frame]` on [`mask_grid`].
-    fn masks(&self) -> Result<Vec<f32>, StudyError> {
-        let sky = SkyModel::cutout(self.stands.clone()).map_err(autodiff_failed)?;
+    fn masks(&self) -> Result<Vec<f32>, ReconstructError> {
+        let sky = SkyModel::cutout(self.stands.clone())?;
         let nothing_known = vec![0.0; sky.parameters()];
-        let at = sky.at(mask_grid(self.grid), &nothing_known);
-        Ok(at
-            .map_err(autodiff_failed)?
-            .map_or(Vec::new(), |at| at.masks))
+        let at = sky.at(mask_grid(self.grid), &nothing_known)?;
+        Ok(at.map_or(Vec::new(), |at| at.masks))
     }
 
     /// G with the albedo known and with it unknown.
@@ -262,20 +304,15 @@ fn value(view: &View) -> f64 {
     view.value.iter().map(|v| f64::from(*v)).sum::<f64>() / 3.0
 }
 
-fn autodiff_failed(error: impl Into<crate::reconstruct::ReconstructError>) -> StudyError {
-    StudyError::Reconstruct(error.into())
-}
-
 impl Limit {
-    fn new(known: Known, grid: LatLong, mut gram: DMatrix<f64>) -> Result<Self, StudyError> {
+    fn new(known: Known, grid: LatLong, mut gram: DMatrix<f64>) -> Self {
         let n = grid.len();
         for i in 0..n {
             gram[(i, i)] += 1.0;
         }
-        let factor = gram.cholesky().ok_or(StudyError::Singular {
-            rows: n,
-            columns: n,
-        })?;
+        let Some(factor) = gram.cholesky() else {
+            unreachable!("1 + G is positive definite");
+        };
         let left = factor.inverse();
         let blocks = [1, 2, 4, 8].into_iter().filter(|k| grid.rows / k >= 2);
         let revealed: Vec<(f64, f64)> = blocks
@@ -284,13 +321,13 @@ impl Limit {
                 (degrees, 1.0 - left_in_blocks(&left, grid, k))
             })
             .collect();
-        Ok(Self {
+        Self {
             known,
             grid,
             left: (0..n).map(|i| left[(i, i)].sqrt() as f32).collect(),
             error: left_in_blocks(&left, grid, 1).sqrt(),
             revealed,
-        })
+        }
     }
 }
 
