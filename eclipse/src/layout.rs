@@ -4,6 +4,12 @@
 pub const ENVIRONMENT: &str = "environment.exr";
 /// The folder of the occluders' masks, one image a frame.
 pub const OCCLUDERS: &str = "occluders";
+/// Standard deviations of the environment map.
+pub const ENVIRONMENT_SD: &str = "environment_sd.exr";
+/// The folder of standard deviations of the masks.
+pub const OCCLUDERS_SD: &str = "occluders_sd";
+/// The folder of standard deviations of the albedo, one image a camera.
+pub const ALBEDO_SD: &str = "albedo_sd";
 /// The folder of material images, one a camera.
 pub const MATERIALS: &str = "materials";
 /// The folder of rendered photographs.

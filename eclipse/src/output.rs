@@ -17,11 +17,11 @@ use crate::{
     files::atomic,
     image_io::{ExrOptions, ImageIoError, Precision, write_exr_with},
     layout::{
-        CONVENTION, ENVIRONMENT, MATERIAL_CHANNELS, MATERIALS, MESH, METRICS, OCCLUDERS, RENDERS,
-        REPORT, SETTINGS, numbered,
+        ALBEDO_SD, CONVENTION, ENVIRONMENT, ENVIRONMENT_SD, MATERIAL_CHANNELS, MATERIALS, MESH,
+        METRICS, OCCLUDERS, OCCLUDERS_SD, RENDERS, REPORT, SETTINGS, numbered,
     },
     mesh_io::MeshIoError,
-    reconstruction::Reconstruction,
+    reconstruction::{Reconstruction, Uncertainty},
     report::{self, ReportOptions},
 };
 
@@ -66,6 +66,7 @@ pub fn write(
         &half,
     )?;
     write_numbered(&folder.join(RENDERS), &reconstruction.renders, &rgb, &half)?;
+    write_uncertainty(folder, reconstruction.uncertainty.as_ref(), &map, &half)?;
     mesh::write(&folder.join(MESH), capture, reconstruction)?;
     if let Some(network) = &reconstruction.network {
         write_bytes(
@@ -91,6 +92,31 @@ pub fn prepare(folder: &Path) -> Result<(), OutputError> {
     fs::create_dir_all(folder).map_err(failed)?;
     atomic::stage(&folder.join(SETTINGS), |_| Ok(())).map_err(failed)?;
     Ok(())
+}
+
+/// Standard deviations, in place of those of an earlier run.
+fn write_uncertainty(
+    folder: &Path,
+    uncertainty: Option<&Uncertainty>,
+    map: &ExrOptions,
+    half: &ExrOptions,
+) -> Result<(), OutputError> {
+    let (path, rgb) = (folder.join(ENVIRONMENT_SD), ["R", "G", "B"]);
+    let none = Uncertainty::default();
+    match uncertainty {
+        Some(uncertainty) => write_exr_with(&path, &uncertainty.environment, &rgb, map)?,
+        None => match fs::remove_file(&path) {
+            Err(source) if source.kind() != io::ErrorKind::NotFound => {
+                return Err(OutputError::Write { path, source });
+            }
+            _ => {}
+        },
+    }
+    let Uncertainty {
+        occluders, albedo, ..
+    } = uncertainty.unwrap_or(&none);
+    write_numbered(&folder.join(OCCLUDERS_SD), occluders, &["Y"], map)?;
+    write_numbered(&folder.join(ALBEDO_SD), albedo, &rgb, half)
 }
 
 fn write_numbered(

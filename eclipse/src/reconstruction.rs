@@ -26,6 +26,8 @@ pub struct Reconstruction {
     pub curve: Vec<CurvePoint>,
     /// Numbers worth keeping.
     pub metrics: Metrics,
+    /// How far off all of it may be; `None` where that was not computed.
+    pub uncertainty: Option<Uncertainty>,
     /// The noise the residuals are measured in, where it is known or was estimated.
     pub noise: Option<Noise>,
     /// The options of the run.
@@ -34,6 +36,50 @@ pub struct Reconstruction {
     pub notes: Vec<String>,
     /// Why the solve ended.
     pub ended: Ended,
+}
+
+/// Standard deviations around a result, were everything normal near it (Laplace's approximation).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Uncertainty {
+    /// Of the radiance, as [`Reconstruction::environment`].
+    pub environment: Image,
+    /// Of each transmittance, as [`Reconstruction::occluders`].
+    pub occluders: Vec<Image>,
+    /// Of the albedo through each camera: R, G, B; 0 off the object.
+    pub albedo: Vec<Image>,
+    /// Of the albedo at each vertex.
+    pub vertex_albedo: Vec<[f32; 3]>,
+    /// In a few numbers.
+    pub summary: UncertaintySummary,
+}
+
+impl Default for Uncertainty {
+    fn default() -> Self {
+        Self {
+            environment: Image::filled(0, 0, 3, 0.0),
+            occluders: Vec::new(),
+            albedo: Vec::new(),
+            vertex_albedo: Vec::new(),
+            summary: UncertaintySummary::default(),
+        }
+    }
+}
+
+/// What is expected of the errors.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct UncertaintySummary {
+    /// Relative RMSE of the environment.
+    pub environment: f64,
+    /// RMSE of the albedo over the object's pixels.
+    pub albedo: f64,
+    /// RMSE of each frame's mask, directions weighted by the light from them; `None` for frames that were held out.
+    pub occluders: Vec<Option<f64>>,
+    /// How many numbers are known from the photographs rather than from what is assumed.
+    pub known: f64,
+    /// RMS of what is left of the data, in units of what was expected: standard deviations are that much larger.
+    pub misfit: f64,
+    /// What it took.
+    pub seconds: f64,
 }
 
 /// Material of one vertex, the parameters of the BRDF of S1–S7.

@@ -8,14 +8,23 @@ mod conditioning;
 pub mod evidence;
 pub mod flatland;
 mod lambertian;
+mod limit;
 mod masks;
 pub mod page;
+mod parametrisation;
 mod plot;
+mod real;
 mod recovery;
+mod relighting;
+mod shiny;
+pub mod small;
 pub mod spectrum;
 mod sphere;
+mod sweeps;
 mod theory;
+mod time;
 pub mod trial;
+mod uncertainty;
 
 use std::path::PathBuf;
 
@@ -57,9 +66,17 @@ pub fn all() -> &'static [&'static dyn Study] {
         &ambiguity::Ambiguity,
         &conditioning::Conditioning,
         &theory::Theory,
+        &limit::InformationLimit,
+        &uncertainty::Uncertain,
+        &parametrisation::Parametrisation,
+        &shiny::Shiny,
+        &sweeps::Sweeps,
         &recovery::Recovery,
         &lambertian::Lambertian,
         &masks::Masks,
+        &relighting::Relighting,
+        &time::Time,
+        &real::Real,
     ]
 }
 
@@ -102,6 +119,9 @@ pub enum StudyError {
     /// A capture that cannot be read.
     #[error(transparent)]
     Capture(#[from] CaptureError),
+    /// A mesh that cannot be traced.
+    #[error(transparent)]
+    Mesh(#[from] render::mesh::MeshError),
     /// A scene that cannot be photographed.
     #[error(transparent)]
     Synthesize(#[from] SynthesizeError),

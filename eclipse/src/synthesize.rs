@@ -66,6 +66,8 @@ pub enum Occluders {
     None,
     /// A person behind each camera.
     Operator,
+    /// The same, so many times as tall and as wide.
+    Person(f32),
     /// A transmittance map a frame.
     Masks(Vec<Image>),
 }
@@ -132,6 +134,7 @@ pub fn synthesize(
         scene.model,
         ANTIALIASING,
     );
+    let masks = LatLong::new(MASK_ROWS, 2 * MASK_ROWS);
     let albedo = |position: Vec3| scene.albedo.at(position / radius);
 
     let (mut frames, mut occluders, mut albedos) = (Vec::new(), Vec::new(), Vec::new());
@@ -142,10 +145,8 @@ pub fn synthesize(
         let camera = camera(shooting, index, radius);
         let mask = match &scene.occluders {
             Occluders::None => None,
-            Occluders::Operator => Some(person::mask(
-                camera.centre(),
-                LatLong::new(MASK_ROWS, 2 * MASK_ROWS),
-            )),
+            Occluders::Operator => Some(person::mask(camera.centre(), masks, 1.0)),
+            Occluders::Person(size) => Some(person::mask(camera.centre(), masks, *size)),
             Occluders::Masks(masks) => Some(masks[index].clone()),
         };
         let shell = mask.as_ref().map(|transmittance| Mask {
@@ -212,11 +213,8 @@ fn photograph(rendered: &Image, camera: Camera, shooting: &Shooting, frame: usiz
         let mut stream = key.stream();
         for channel in 0..3 {
             let value = pixel[channel];
-            let [u, v] = stream.uniform_2d();
-            // Box and Muller; 1 − u is never 0.
-            let normal = (-2.0 * (1.0 - u).ln()).sqrt() * (std::f32::consts::TAU * v).cos();
             image.data[3 * index + channel] =
-                value + shooting.noise * (value + 0.25).sqrt() * normal;
+                value + shooting.noise * (value + 0.25).sqrt() * stream.normal();
         }
     }
     Frame {

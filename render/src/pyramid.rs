@@ -90,6 +90,12 @@ impl Pyramid {
         self.offsets[k]..self.offsets[k + 1]
     }
 
+    /// The values that a finest texel is made of and their weights, 2ᵏ included; a value may come more than once.
+    pub fn parts(&self, texel: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
+        let entries = 4 * self.levels.len();
+        (texel * entries..(texel + 1) * entries).map(|e| (self.index[e] as usize, self.weight[e]))
+    }
+
     /// finest = Σ_k 2ᵏ · upsample(level k), for `width` columns at once.
     ///
     /// `levels_flat` is `[value][column]`, `len() × width`; `finest` is `[texel][column]` and is overwritten.

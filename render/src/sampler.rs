@@ -92,6 +92,13 @@ impl Stream {
     pub fn uniform_2d(&mut self) -> [f32; 2] {
         [self.uniform(), self.uniform()]
     }
+
+    /// A number from the unit normal distribution (Box and Muller 1958, one of the pair).
+    #[inline]
+    pub fn normal(&mut self) -> f32 {
+        let [u, v] = self.uniform_2d();
+        (-2.0 * (1.0 - u).ln()).sqrt() * (std::f32::consts::TAU * v).cos()
+    }
 }
 
 /// The finaliser of SplitMix64 (Steele et al. 2014): a bijection of 64 bits that scatters neighbouring keys.

@@ -61,6 +61,7 @@ pub fn reconstruction(capture: &Capture) -> Reconstruction {
         samples_per_second: 2e7,
     };
     Reconstruction {
+        uncertainty: None,
         environment: read("environment.exr"),
         occluders: occluders
             .map(|map| Image {

@@ -1,5 +1,6 @@
 //! Small scenes with known answers.
 
+pub use eclipse::studies::small::add_sphere;
 use glam::Vec3;
 use render::bvh::Bvh;
 use render::camera::Camera;
@@ -7,26 +8,6 @@ use render::environment::EnvironmentMap;
 use render::image::Image;
 use render::lat_long::LatLong;
 use render::mesh::Mesh;
-
-/// Appends a sphere of `rows` × 2 `rows` quadrilaterals with exact normals.
-pub fn add_sphere(mesh: &mut Mesh, centre: Vec3, radius: f32, rows: u32) {
-    let columns = 2 * rows;
-    let start = mesh.positions.len() as u32;
-    for r in 0..=rows {
-        for c in 0..columns {
-            let d = LatLong::direction(c as f32 / columns as f32, r as f32 / rows as f32);
-            mesh.positions.push(centre + radius * d);
-            mesh.normals.push(d);
-        }
-    }
-    let at = |r: u32, c: u32| start + r * columns + c % columns;
-    for r in 0..rows {
-        for c in 0..columns {
-            mesh.faces.push([at(r, c), at(r + 1, c), at(r + 1, c + 1)]);
-            mesh.faces.push([at(r, c), at(r + 1, c + 1), at(r, c + 1)]);
-        }
-    }
-}
 
 /// A convex object: it casts no shadow on its own lit side.
 pub fn sphere() -> Bvh {

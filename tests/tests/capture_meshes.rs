@@ -242,6 +242,7 @@ fn written_meshes_come_back_with_their_surface() {
             vertex_colors: Some(&colors),
             vertex_roughness: Some(&roughness),
             vertex_specular: Some(&specular),
+            vertex_albedo_deviation: Some(&colors),
             textures,
         };
         let bytes = encode_glb(&mesh, &surface).unwrap();
@@ -261,7 +262,7 @@ fn written_meshes_come_back_with_their_surface() {
             .as_object()
             .unwrap();
         assert!(
-            ["COLOR_0", "_ROUGHNESS", "_SPECULAR"]
+            ["COLOR_0", "_ROUGHNESS", "_SPECULAR", "_ALBEDO_SD"]
                 .iter()
                 .all(|name| attributes.contains_key(*name))
         );

@@ -1,15 +1,25 @@
 //! The paper's experiments, from the command line to the files they leave.
 
-use std::{fs, process::Command};
+use std::{fs, path::Path, process::Command};
 
+use eclipse::synthesize::{self, Occluders, Pattern, Scene, Shooting};
+use eclipse_tests::scenes;
+use render::{bsdf::Model, lat_long::LatLong};
 use serde_json::Value;
 
 /// Runs a study; its summary and the folder it left.
 fn study(name: &str) -> (Value, tempfile::TempDir) {
+    study_of(name, &[])
+}
+
+/// Runs a study with further arguments.
+fn study_of(name: &str, arguments: &[&str]) -> (Value, tempfile::TempDir) {
     let folder = tempfile::tempdir().unwrap();
     let output = Command::new(env!("CARGO_BIN_EXE_eclipse-under-test"))
-        .args(["study", name, "--json", "--out"])
+        .env_remove("ECLIPSE_REAL")
+        .args(["study", name, "--json", "--threads", "1", "--out"])
         .arg(folder.path())
+        .args(arguments)
         .output()
         .unwrap();
     let messages = String::from_utf8_lossy(&output.stderr);
@@ -28,6 +38,7 @@ fn complete(name: &str, summary: &Value, folder: &tempfile::TempDir) {
     let words = match summary["verdict"].as_str().unwrap() {
         "held" => "The claim held here",
         "held_in_part" => "The claim held here in part",
+        "not_tested" => "The claim was not tested here",
         _ => "The claim did not hold here",
     };
     assert!(page.contains(&format!("<p class=\"summary\"><b>{words}</b>")));
@@ -119,4 +130,89 @@ fn masks_are_waves_and_light_is_a_pyramid_where_contrast_is_low() {
             < 0.5
     );
     assert!(summary["sentence"].as_str().unwrap().contains("Not so"));
+}
+
+/// A tiny matt capture with its truth, with somebody in the light or nobody.
+fn capture(path: &Path, occluders: Occluders) {
+    let scene = Scene {
+        mesh: scenes::pair().mesh().clone(),
+        environment: scenes::interior(LatLong::new(50, 100)).image().clone(),
+        model: Model::Lambertian,
+        albedo: Pattern {
+            mean: [0.6, 0.5, 0.4],
+            variation: 0.2,
+        },
+        alpha: 1.0,
+        kappa: 0.0,
+        occluders,
+    };
+    let shooting = Shooting {
+        frames: 12,
+        resolution: 20,
+        distance: 3.0,
+        noise: 0.005,
+        seed: 0,
+    };
+    let made = synthesize::synthesize(&scene, &shooting, |_| true).unwrap();
+    synthesize::write(path, &scene, &made).unwrap();
+}
+
+#[test]
+fn somebody_in_the_light_lifts_the_limit() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("pair");
+    capture(&path, Occluders::None);
+    let (summary, out) = study_of("limit", &[path.to_str().unwrap()]);
+    complete("limit", &summary, &out);
+    let error = |who: &str, albedo: &str| {
+        let row = &summary["numbers"]["pair"][format!("{who}, albedo {albedo}")];
+        row["error"].as_f64().unwrap()
+    };
+    // Whoever knows more is not further off, and whoever knows nothing is off by all.
+    for who in ["somebody", "nobody"] {
+        assert!(error(who, "known") <= error(who, "unknown") && error(who, "unknown") < 1.0);
+    }
+    for albedo in ["known", "unknown"] {
+        assert!(error("somebody", albedo) < 0.95 * error("nobody", albedo));
+    }
+    assert_eq!(summary["verdict"], "held");
+    // Large detail is easier than small.
+    let revealed = &summary["numbers"]["pair"]["somebody, albedo known"]["revealed"];
+    let shares: Vec<f64> = ["11.2 degrees", "22.5 degrees", "45 degrees", "90 degrees"]
+        .iter()
+        .map(|size| revealed[size].as_f64().unwrap())
+        .collect();
+    assert!(
+        shares.windows(2).all(|pair| pair[0] <= pair[1]),
+        "{shares:?}"
+    );
+}
+
+#[test]
+fn studies_that_reconstruct_leave_pages() {
+    let folder = tempfile::tempdir().unwrap();
+    capture(&folder.path().join("pair"), Occluders::Operator);
+    capture(&folder.path().join("pair-unoccluded"), Occluders::None);
+    let captures = [
+        "--captures",
+        folder.path().to_str().unwrap(),
+        "--time-limit",
+        "2s",
+    ];
+    for name in ["recovery", "lambertian", "masks", "relighting"] {
+        let (summary, out) = study_of(name, &captures);
+        complete(name, &summary, &out);
+        assert!(
+            summary["sentence"].as_str().unwrap().contains("pair"),
+            "{name}"
+        );
+    }
+}
+
+#[test]
+fn without_real_photographs_the_page_says_so() {
+    let (summary, out) = study("real");
+    assert_eq!(summary["verdict"], "not_tested");
+    let page = fs::read_to_string(out.path().join("real/study.html")).unwrap();
+    assert!(page.contains("not tested here</b>: no real photographs were given"));
 }

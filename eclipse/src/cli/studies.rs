@@ -1,6 +1,10 @@
 //! `eclipse study NAME` for the paper's experiments.
 
-use std::{cell::RefCell, io::Write, path::PathBuf};
+use std::{
+    cell::RefCell,
+    io::Write,
+    path::{Path, PathBuf},
+};
 
 use clap::{Args, Subcommand};
 
@@ -21,8 +25,32 @@ pub(super) enum PaperStudy {
     Lambertian(PaperArguments),
     /// Fig. 5: errors of masks against the light that they block.
     Masks(PaperArguments),
+    /// What photographs can tell of the light at best, before anything is solved.
+    Limit(LimitArguments),
+    /// Whether standard deviations are of the size of errors, over draws of noise and seeds.
+    Uncertainty(PaperArguments),
+    /// Table 1 and Fig. 10, in part: outline or harmonics, and their degree.
+    Parametrisation(PaperArguments),
+    /// S6: materials of shiny objects.
+    Shiny(PaperArguments),
+    /// Fig. 9 and S3: lamps, roughness, person, photographs and noise, one at a time.
+    Sweeps(PaperArguments),
+    /// S5: recovered objects in other light, with other finishes.
+    Relighting(PaperArguments),
+    /// Quality over time of the presets `paper` and `fast`.
+    Time(PaperArguments),
+    /// Fig. 8 and S2: real photographs, judged by views held out.
+    Real(PaperArguments),
     /// Every experiment of the paper that is here, one after the other.
     All(PaperArguments),
+}
+
+#[derive(Args, Debug)]
+pub(super) struct LimitArguments {
+    /// Folder of a capture, with or without a truth [default: all of --captures].
+    pub capture: Option<PathBuf>,
+    #[command(flatten)]
+    pub paper: PaperArguments,
 }
 
 #[derive(Args, Debug)]
@@ -36,6 +64,9 @@ pub(super) struct PaperArguments {
     /// Folder of captures with their truth, for the studies that reconstruct.
     #[arg(long, value_name = "DIR", default_value = "captures/reconstruct")]
     pub captures: PathBuf,
+    /// Folder of a capture of real photographs, for the study `real` [default: the environment variable ECLIPSE_REAL].
+    #[arg(long, value_name = "DIR")]
+    pub real: Option<PathBuf>,
     /// Time for each reconstruction [default: 2m, or 10m with --full; less for small captures].
     #[arg(long, value_name = "TIME", value_parser = units::duration)]
     pub time_limit: Option<f64>,
@@ -55,6 +86,7 @@ pub(super) fn run(
     out: &mut dyn Write,
     err: &mut dyn Write,
 ) -> Result<Outcome, Failure> {
+    let mut capture = None;
     let (name, arguments) = match study {
         PaperStudy::Ambiguity(arguments) => ("ambiguity", arguments),
         PaperStudy::Conditioning(arguments) => ("conditioning", arguments),
@@ -62,11 +94,22 @@ pub(super) fn run(
         PaperStudy::Recovery(arguments) => ("recovery", arguments),
         PaperStudy::Lambertian(arguments) => ("lambertian", arguments),
         PaperStudy::Masks(arguments) => ("masks", arguments),
+        PaperStudy::Limit(arguments) => {
+            capture = arguments.capture.as_deref();
+            ("limit", &arguments.paper)
+        }
+        PaperStudy::Uncertainty(arguments) => ("uncertainty", arguments),
+        PaperStudy::Parametrisation(arguments) => ("parametrisation", arguments),
+        PaperStudy::Shiny(arguments) => ("shiny", arguments),
+        PaperStudy::Sweeps(arguments) => ("sweeps", arguments),
+        PaperStudy::Relighting(arguments) => ("relighting", arguments),
+        PaperStudy::Time(arguments) => ("time", arguments),
+        PaperStudy::Real(arguments) => ("real", arguments),
         PaperStudy::All(arguments) => return every(arguments, out, err),
     };
     let study = studies::by_name(name)
         .ok_or_else(|| Failure::failed(format!("there is no study called {name}")))?;
-    let evidence = arguments.with_bench(err, |bench| one(study, bench, arguments))?;
+    let evidence = arguments.with_bench(capture, err, |bench| one(study, bench, arguments))?;
     let evidence = evidence.map_err(failure)?;
     let text = if arguments.json {
         serde_json::to_string_pretty(&evidence.summary()).map_err(Failure::failed)? + "\n"
@@ -84,7 +127,7 @@ fn every(
     err: &mut dyn Write,
 ) -> Result<Outcome, Failure> {
     let (mut found, mut failed) = (Vec::new(), Vec::new());
-    arguments.with_bench(err, |bench| {
+    arguments.with_bench(None, err, |bench| {
         for study in studies::all() {
             match one(*study, bench, arguments) {
                 Ok(evidence) => {
@@ -148,6 +191,7 @@ impl PaperArguments {
     /// What studies compute with, as was asked for.
     fn with_bench<T>(
         &self,
+        capture: Option<&Path>,
         err: &mut dyn Write,
         work: impl FnOnce(&Bench<'_>) -> T,
     ) -> Result<T, Failure> {
@@ -160,6 +204,10 @@ impl PaperArguments {
         let mut bench = Bench::new(scale, &self.captures, stop_on_interrupt()?, &tell);
         bench.threads = self.threads.map_or(bench.threads, usize::from);
         bench.time_limit = self.time_limit;
+        bench.capture = capture;
+        let named = std::env::var_os("ECLIPSE_REAL").map(PathBuf::from);
+        let real = self.real.clone().or(named);
+        bench.real = real.as_deref();
         Ok(work(&bench))
     }
 }

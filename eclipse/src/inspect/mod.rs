@@ -2,6 +2,7 @@
 
 mod coverage;
 mod exposure;
+pub mod limit;
 pub mod page;
 mod warnings;
 
@@ -13,6 +14,7 @@ use serde::Serialize;
 
 pub use coverage::CoverageInspection;
 pub use exposure::ExposureInspection;
+pub use limit::LimitInspection;
 
 use crate::{
     capture::{
@@ -50,6 +52,8 @@ pub struct Inspection {
     pub exposure: ExposureInspection,
     /// How much of the surface is seen.
     pub coverage: CoverageInspection,
+    /// What the photographs can tell of the light at best.
+    pub limit: Option<LimitInspection>,
     /// COLMAP's sparse points, where they are there.
     pub points: Option<PointsInspection>,
     /// What a run with default options takes.
@@ -208,6 +212,7 @@ fn of_capture(
         silhouettes: silhouettes(&frames),
         exposure: exposure::inspect(capture, &frames),
         coverage: coverage::inspect(capture),
+        limit: limit::inspect(capture),
         points: points.map(|points| of_points(capture, &points)),
         run: run(capture, settings),
         frames,

@@ -21,6 +21,8 @@ pub struct GlbSurface<'a> {
     pub vertex_roughness: Option<&'a [f32]>,
     /// κ, one a vertex (`_SPECULAR`); its mean is the material's factor when there are no textures.
     pub vertex_specular: Option<&'a [f32]>,
+    /// Standard deviation of the linear base colour, one a vertex (`_ALBEDO_SD`).
+    pub vertex_albedo_deviation: Option<&'a [[f32; 3]]>,
     /// Maps over the mesh's texture coordinates, embedded as PNG.
     pub textures: Option<GlbTextures<'a>>,
 }
@@ -82,10 +84,16 @@ pub fn encode_glb(mesh: &Mesh, surface: &GlbSurface) -> Result<Vec<u8>, String> 
     check("vertex colours", surface.vertex_colors.map(<[_]>::len))?;
     check("roughness values", surface.vertex_roughness.map(<[_]>::len))?;
     check("specular values", surface.vertex_specular.map(<[_]>::len))?;
-    if let Some(colors) = surface.vertex_colors {
-        attributes["COLOR_0"] = glb
-            .floats("VEC3", 3, colors.iter().flatten().copied())
-            .into();
+    let deviations = surface.vertex_albedo_deviation;
+    check("deviations of the albedo", deviations.map(<[_]>::len))?;
+    for (name, values) in [
+        ("COLOR_0", surface.vertex_colors),
+        ("_ALBEDO_SD", deviations),
+    ] {
+        if let Some(values) = values {
+            let values = values.iter().flatten().copied();
+            attributes[name] = glb.floats("VEC3", 3, values).into();
+        }
     }
     for (name, values) in [
         ("_ROUGHNESS", surface.vertex_roughness),

@@ -248,7 +248,7 @@ mod tests {
             vertex_colors: Some(&[[0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [0.7, 0.8, 0.9]]),
             vertex_roughness: Some(&[0.5, 0.6, 0.7]),
             vertex_specular: Some(&[0.02, 0.04, 0.08]),
-            textures: None,
+            ..Default::default()
         };
         let bytes = encode_glb(&triangle(), &surface).unwrap();
         let (mesh, MeshSurface::Vertices(materials)) = parse_surfaced_glb(&bytes).unwrap() else {

@@ -32,6 +32,9 @@ pub(super) fn write(
         .map(|material| material.alpha.max(0.0).sqrt())
         .collect();
     let specular: Vec<f32> = materials.iter().map(|material| material.kappa).collect();
+    let uncertainty = reconstruction.uncertainty.as_ref();
+    let deviation = uncertainty.map(|uncertainty| uncertainty.vertex_albedo.as_slice());
+    let deviation = deviation.filter(|deviation| deviation.len() == mesh.positions.len());
     let surface = if materials.is_empty() {
         GlbSurface::default()
     } else {
@@ -39,6 +42,7 @@ pub(super) fn write(
             vertex_colors: Some(&albedo),
             vertex_roughness: Some(&roughness),
             vertex_specular: Some(&specular),
+            vertex_albedo_deviation: deviation,
             textures: None,
         }
     };

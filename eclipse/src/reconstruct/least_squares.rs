@@ -131,7 +131,7 @@ pub fn step<L: Linearisation>(
 }
 
 /// Takes from `r` its parts along a basis of unit vectors.
-fn orthogonalise(r: &mut [f32], basis: &[Vec<f32>]) {
+pub(super) fn orthogonalise(r: &mut [f32], basis: &[Vec<f32>]) {
     for unit in basis {
         let along = dot(unit, r) as f32;
         add(r, -along, unit);
@@ -139,12 +139,13 @@ fn orthogonalise(r: &mut [f32], basis: &[Vec<f32>]) {
 }
 
 /// Removes from a residual-space vector what a change of `a` would take up.
-struct Projector {
+pub struct Projector {
     inverse: Vec<f64>,
 }
 
 impl Projector {
-    fn new<L: Linearisation>(at: &L, groups: usize, tau: f32) -> Self {
+    /// Of `groups` entries of `a`, whose prior has the precision `tau`.
+    pub fn new<L: Linearisation>(at: &L, groups: usize, tau: f32) -> Self {
         let mut diagonal = vec![f64::from(tau); groups];
         for (&b, &g) in at.by_albedo().iter().zip(at.groups()) {
             diagonal[g as usize] += f64::from(b) * f64::from(b);
@@ -154,7 +155,13 @@ impl Projector {
         }
     }
 
-    fn project<L: Linearisation>(&self, at: &L, u: &mut [f32]) {
+    /// One over the precision of each entry of `a` by its own data and prior.
+    pub fn variances(&self) -> &[f64] {
+        &self.inverse
+    }
+
+    /// Removes from `u` what a change of `a` takes up; that change.
+    pub fn project<L: Linearisation>(&self, at: &L, u: &mut [f32]) -> Vec<f32> {
         let (b, g) = (at.by_albedo(), at.groups());
         let mut along = vec![0.0; self.inverse.len()];
         for i in 0..u.len() {
@@ -167,6 +174,7 @@ impl Projector {
         for i in 0..u.len() {
             u[i] -= b[i] * along[g[i] as usize] as f32;
         }
+        along.iter().map(|a| -*a as f32).collect()
     }
 }
 

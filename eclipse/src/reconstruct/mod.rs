@@ -6,6 +6,7 @@ pub mod detail;
 pub mod fast;
 pub mod finish;
 pub mod hold_out;
+pub mod laplace;
 pub mod least_squares;
 pub mod lobe;
 pub mod model;
@@ -21,5 +22,6 @@ pub mod sky;
 pub mod surface;
 pub mod tent;
 pub mod transport;
+pub mod uncertainty;
 
 pub use run::{ReconstructError, memory, photometric, run};

@@ -13,9 +13,10 @@ use autodiff::{GraphError, Program, RunError, Sizes, Workspace};
 use render::{lat_long::LatLong, pyramid::Pyramid};
 
 pub use at::At;
+pub(super) use fixed::MASK_SIDE;
+pub use fixed::mask_grid;
 use fixed::{Fixed, grouped};
-pub(super) use fixed::{MASK_SIDE, mask_grid};
-use tape::{CORNERS, WEIGHTS, coefficient, named, record};
+use tape::{CORNERS, WEIGHTS, coefficient, mixed_variances, named, record, steepness};
 
 use super::{
     detail::Data, least_squares, patches::Observations, pyramid::level_deviations, shell::Shells,
@@ -150,6 +151,31 @@ impl Shared {
         self.pyramid.apply(&scaled, &mut values, 1);
         let light = values.iter().fold(1e-9f32, |m, v| m.max(v.abs()));
         light.max(0.75 * self.sky.largest_change(&delta[self.ranges()[1].clone()]))
+    }
+
+    /// The variance that the prior leaves each texel's log radiance around `z`, `[texel][channel]`.
+    pub fn prior_variances(&self, z: &[f32]) -> Vec<f64> {
+        let values = self.pyramid.len();
+        let own = |component: usize, value: usize| {
+            let steep = steepness(z[component * values + value]) * self.deviation[value];
+            f64::from(steep).powi(2)
+        };
+        let mixed = mixed_variances();
+        let of_texel = |texel: usize| {
+            let mut parts: Vec<(usize, f64)> = self.pyramid.parts(texel).collect();
+            // At the poles two corners of an interpolation are one value.
+            parts.sort_unstable_by_key(|part| part.0);
+            let sums: [f64; 3] = std::array::from_fn(|component| {
+                let same = parts.chunk_by(|a, b| a.0 == b.0);
+                same.map(|same| {
+                    let weight: f64 = same.iter().map(|part| part.1).sum();
+                    weight.powi(2) * own(component, same[0].0)
+                })
+                .sum()
+            });
+            mixed.map(|row| row.iter().zip(sums).map(|(m, sum)| m * sum).sum())
+        };
+        (0..self.grid.len()).flat_map(of_texel).collect()
     }
 
     /// Transmittance of every frame's occluder at `z`, `[texel][frame]`; empty when occluders are not modelled.

@@ -10,6 +10,7 @@ mod plan;
 mod round;
 mod schedule;
 mod state;
+mod uncertainty;
 
 use frames::Frames;
 use plan::Plan;
@@ -23,6 +24,7 @@ use super::{
     model::Shared,
     noise,
     paper::{self, PaperError},
+    patches::Observations,
     shading::Masks,
     surface::Surface,
 };
@@ -103,7 +105,7 @@ pub fn run(
         seed: settings.seed,
         threads: settings.threads,
     };
-    let mut last: Option<(Shared, Vec<f32>)> = None;
+    let mut last: Option<(Observations, Shared, Vec<f32>)> = None;
     while first < LEGS.len() {
         let (leg, mut stage) = (&LEGS[first], LEGS[first].stage);
         let rounds = leg.held.len();
@@ -123,7 +125,7 @@ pub fn run(
         }
         let mut from = match (start.take(), &last) {
             (Some(start), _) => start,
-            (None, Some((coarse, z))) => Start {
+            (None, Some((_, coarse, z))) => Start {
                 damping: ROUND_DAMPING,
                 ..Start::from(fast::refine(coarse, z, &shared))
             },
@@ -173,7 +175,7 @@ pub fn run(
                 (shared, round) = (clear, 0);
             }
         }
-        last = Some((shared, from.z));
+        last = Some((observations, shared, from.z));
         // The coarse stage's share of the time may be over while the run's is not.
         let end = LAST_STAGE.end(settings.time_limit.unwrap_or(f64::INFINITY));
         let goes_on =
@@ -183,8 +185,9 @@ pub fn run(
         }
         (first, round) = (first + 1, 0);
     }
-    let (shared, z) = last.ok_or(ReconstructError::NothingToFit)?;
+    let (observations, mut shared, z) = last.ok_or(ReconstructError::NothingToFit)?;
     let mut found = run.finish(&bvh, &surface, &frames, &shared, &z)?;
+    run.doubt(&bvh, &frames, &observations, &mut shared, &z, &mut found)?;
     if settings.occluders && problem.occluders.is_none() {
         found.notes.push(
             "the photographs show no sign of an occluder: what occluders explain is no more than chance".to_owned(),
@@ -424,6 +427,7 @@ impl Run<'_> {
         }
         Ok(Reconstruction {
             environment,
+            uncertainty: None,
             notes,
             occluders: masks,
             materials: finished.materials,

@@ -7,21 +7,17 @@ use render::lat_long::LatLong;
 
 /// Replaces masks on `grid`, `[texel][frame]`, by what they let pass of the light on a grid of `light_rows`.
 ///
-/// The bilinear lookup itself averages over a tent of its own grid. That is all where masks are as coarse as the light; twice as
-/// fine, (¼, ½, ¼) along rows and columns brings the variance of the whole to that of light's tent, 1/6 of a texel squared:
-/// ¼ (½ + 1/6). The operator is its own transpose.
-///
-/// # Panics
-/// When masks are neither as fine as the light nor twice as fine.
+/// The bilinear lookup itself averages over a tent of the masks' own grid, whose variance is 1/6 of a texel squared. What light's
+/// tent has beyond that, (w, 1 − 2w, w) along rows and columns adds: w = (k² − 1)/12 where masks are k times as fine, a quarter
+/// for twice. Where they are no finer than the light nothing is left to do. The operator is its own transpose.
 pub fn soften(grid: LatLong, light_rows: usize, frames: usize, masks: &mut [f32]) {
-    if grid.rows == light_rows || frames == 0 {
+    let finer = grid.rows as f32 / light_rows.max(1) as f32;
+    let side = ((finer * finer - 1.0) / 12.0).clamp(0.0, 1.0 / 3.0);
+    if side == 0.0 || frames == 0 {
         return;
     }
-    assert_eq!(
-        grid.rows,
-        2 * light_rows,
-        "masks twice as fine as the light"
-    );
+    let mixed =
+        |before: f32, own: f32, after: f32| side * (before + after) + (1.0 - 2.0 * side) * own;
     let line = grid.columns * frames;
     let mut row = vec![0.0; line];
     for values in masks.chunks_exact_mut(line) {
@@ -31,7 +27,7 @@ pub fn soften(grid: LatLong, light_rows: usize, frames: usize, masks: &mut [f32]
             let right = (c + 1) % grid.columns * frames;
             let own = c * frames;
             for t in 0..frames {
-                values[own + t] = quarter(row[left + t], row[own + t], row[right + t]);
+                values[own + t] = mixed(row[left + t], row[own + t], row[right + t]);
             }
         }
     }
@@ -42,14 +38,10 @@ pub fn soften(grid: LatLong, light_rows: usize, frames: usize, masks: &mut [f32]
         row.copy_from_slice(now);
         let below = below.get(..line).unwrap_or(&row);
         for i in 0..line {
-            now[i] = quarter(above[i], row[i], below[i]);
+            now[i] = mixed(above[i], row[i], below[i]);
         }
         above.copy_from_slice(&row);
     }
-}
-
-fn quarter(before: f32, own: f32, after: f32) -> f32 {
-    0.25 * (before + after) + 0.5 * own
 }
 
 #[cfg(test)]

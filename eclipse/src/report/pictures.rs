@@ -72,6 +72,21 @@ pub(super) fn grey(image: &Image, channel: usize) -> Image {
     map(image, |pixel| [pixel[channel].clamp(0.0, 1.0); 3])
 }
 
+/// The deviation of an environment's texels relative to their radiance, the mean over channels of each: black is sure, white
+/// unsure by its whole value or more.
+pub(super) fn doubt(environment: &Image, deviation: &Image) -> Image {
+    let mut relative = Image::filled(environment.width, environment.height, 1, 0.0);
+    let texels = environment.data.chunks_exact(3);
+    for (out, (light, deviation)) in relative
+        .data
+        .iter_mut()
+        .zip(texels.zip(deviation.data.chunks_exact(3)))
+    {
+        *out = deviation.iter().sum::<f32>() / light.iter().sum::<f32>().max(f32::MIN_POSITIVE);
+    }
+    grey(&relative, 0)
+}
+
 /// Photograph minus render on pixels that the object covers: blue is too bright a render, red too dark.
 ///
 /// The mean over channels is shown in units of its standard deviation, or of `scale` when the noise is unknown.

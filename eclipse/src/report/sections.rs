@@ -19,6 +19,8 @@ const LONGEST_SIDE: usize = 320;
 const PHOTOGRAPH_WHITE: f64 = 0.99;
 /// The share of directions whose light must not clip: less, since small lights are far brighter than what they light.
 const ENVIRONMENT_WHITE: f64 = 0.95;
+/// The standard deviation of an albedo that is shown as white.
+const ALBEDO_DOUBT: f32 = 0.2;
 
 /// The reconstruction with what all parts of the page share.
 pub(super) struct Page<'a> {
@@ -137,10 +139,23 @@ impl<'a> Page<'a> {
         format!(
             "<header>\n<p class=\"kicker\">Reconstruction</p>\n<h1>{title}</h1>\n<p class=\"summary\">Light{what} were \
              recovered from {frames} photographs{size} in {time} ({iterations} iterations, {ended}); the renders agree \
-             with the photographs {agreement}.</p>\n{notes}</header>\n",
+             with the photographs {agreement}.{doubt}</p>\n{notes}</header>\n",
             title = escaped(&self.title()),
             time = duration(time),
+            doubt = self.doubt_in_words(),
         )
+    }
+
+    /// By how much the result is expected to be off.
+    fn doubt_in_words(&self) -> String {
+        let doubt = self.reconstruction.uncertainty.as_ref();
+        doubt.map_or(String::new(), |doubt| {
+            format!(
+                " If the model is right, light is expected to be off by {} of its RMS and albedo by {}.",
+                number(doubt.summary.environment),
+                number(doubt.summary.albedo)
+            )
+        })
     }
 
     /// The pictures of the frames that are embedded.
@@ -170,6 +185,11 @@ impl<'a> Page<'a> {
             if !solved.settings.lambertian && materials.channels == 5 {
                 displays.push(("alpha", pictures::grey(&materials, 3)));
             }
+        }
+        let doubt = solved.uncertainty.as_ref();
+        if let Some(deviation) = doubt.and_then(|doubt| doubt.albedo.get(index)) {
+            let shown = pictures::tonemapped(&small(deviation), 1.0 / ALBEDO_DOUBT);
+            displays.push(("albedo-sd", shown));
         }
         if let Some(mask) = solved.occluders.get(index) {
             displays.push((
@@ -205,6 +225,9 @@ impl<'a> Page<'a> {
                  +{range} {unit}"
             ),
             "albedo" => "Albedo".to_owned(),
+            "albedo-sd" => {
+                format!("Standard deviation of the albedo, white at {ALBEDO_DOUBT}")
+            }
             "alpha" => "Roughness α, black 0 to white 1".to_owned(),
             _ => "Light its occluder blocks (orange), over the environment".to_owned(),
         };
@@ -238,10 +261,29 @@ impl<'a> Page<'a> {
              <input id=\"exposure\" type=\"range\" min=\"-6\" max=\"6\" step=\"0.5\" value=\"0\"><output id=\"stops\" \
              for=\"exposure\">0 stops</output></div>\n<figure class=\"wide\"><img id=\"environment-still\" src=\"{still}\" \
              alt=\"environment map\"><canvas id=\"environment\" width=\"{width}\" height=\"{height}\" hidden></canvas>\
-             <figcaption>{width} × {height} texels, mean radiance {mean}</figcaption></figure>\n</section>\n",
+             <figcaption>{width} × {height} texels, mean radiance {mean}</figcaption></figure>\n{doubt}\
+             <p><output id=\"texel\">Point at a direction to read its radiance.</output></p>\n</section>\n",
             width = environment.width,
             height = environment.height,
             mean = means(environment),
+            doubt = self.environment_doubt()?,
+        ))
+    }
+
+    /// How unsure each direction is.
+    fn environment_doubt(&self) -> Result<String, ImageIoError> {
+        let solved = self.reconstruction;
+        let Some(doubt) = &solved.uncertainty else {
+            return Ok(String::new());
+        };
+        let shown = pictures::doubt(&solved.environment, &doubt.environment);
+        Ok(format!(
+            "<figure class=\"wide\"><img id=\"environment-sd\" src=\"{}\" alt=\"standard deviation of the environment\">\
+             <figcaption>Standard deviation over radiance: black is sure, white unsure by the whole value or more. By Laplace's \
+             approximation, which takes the model and its shape, cameras and one bounce for granted; {} numbers are known from the \
+             photographs rather than from what is assumed.</figcaption></figure>\n",
+            pictures::data_uri(&shown)?,
+            number(doubt.summary.known),
         ))
     }
 
@@ -259,15 +301,22 @@ impl<'a> Page<'a> {
                 .frames
                 .get(index)
                 .map_or("", |frame| frame.name.as_str());
+            let doubt = solved.uncertainty.as_ref();
+            let doubt = doubt.and_then(|doubt| doubt.summary.occluders.get(index).copied()?);
+            let doubt = doubt.map_or(String::new(), |doubt| format!(" ± {}", number(doubt)));
             figures += &format!(
-                "<figure><img loading=\"lazy\" src=\"{}\" alt=\"occluder\"><figcaption>{}</figcaption></figure>\n",
+                "<figure><img loading=\"lazy\" src=\"{}\" alt=\"occluder\"><figcaption>{}{doubt}</figcaption></figure>\n",
                 pictures::data_uri(&display)?,
                 escaped(name)
             );
         }
+        let doubted = match solved.uncertainty {
+            Some(_) => "; ± the expected error of a mask, directions weighted by their light",
+            None => "",
+        };
         Ok(format!(
             "<section>\n<h2>Occluders</h2>\n<p>What stood in the way of the light while each photograph was taken, \
-             orange, seen from the object's centre.</p>\n<div class=\"strip\">\n{figures}</div>\n</section>\n"
+             orange, seen from the object's centre{doubted}.</p>\n<div class=\"strip\">\n{figures}</div>\n</section>\n"
         ))
     }
 
@@ -303,6 +352,7 @@ impl<'a> Page<'a> {
             "environment": {
                 "radiance": pictures::floats(&self.reconstruction.environment),
                 "exposure": self.environment_exposure,
+                "deviation": self.reconstruction.uncertainty.as_ref().map(|doubt| pictures::floats(&doubt.environment)),
             },
         })
     }

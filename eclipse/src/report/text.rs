@@ -42,6 +42,7 @@ pub(crate) fn duration(seconds: f64) -> String {
 pub(crate) fn table(values: &Value) -> String {
     let mut rows = Vec::new();
     leaves("", values, &mut rows);
+    rows.sort_by_cached_key(|(name, _)| counted(name));
     let row = |(name, value): &(String, String)| {
         format!(
             "<tr><td>{}</td><td>{}</td></tr>",
@@ -53,6 +54,28 @@ pub(crate) fn table(values: &Value) -> String {
         "<table>{}</table>",
         rows.iter().map(row).collect::<String>()
     )
+}
+
+/// A name in parts that sort as people count: "2 images" before "16 images".
+fn counted(name: &str) -> Vec<(u64, String)> {
+    let digit = |c: char| c.is_ascii_digit();
+    let mut parts = Vec::new();
+    let mut rest = name;
+    while !rest.is_empty() {
+        let words = rest.find(digit).unwrap_or(rest.len());
+        let (text, number) = rest.split_at(words);
+        let end = number.find(|c| !digit(c) && c != '.');
+        let end = end.unwrap_or(number.len());
+        let (number, after) = number.split_at(end);
+        parts.push((0, text.to_owned()));
+        if !number.is_empty() {
+            // The bits of floats that are not negative are in their order.
+            let value = number.parse::<f64>().unwrap_or(f64::INFINITY);
+            parts.push((value.to_bits(), String::new()));
+        }
+        rest = after;
+    }
+    parts
 }
 
 fn leaves(name: &str, value: &Value, rows: &mut Vec<(String, String)>) {
@@ -99,6 +122,38 @@ mod tests {
         }
         assert_eq!(number(1.25e9), "1.25e9");
         assert_eq!(number(-2e-7), "-2.00e-7");
+    }
+
+    #[test]
+    fn rows_are_in_the_order_people_count_in() {
+        let names = [
+            "16 images",
+            "1 image",
+            "2 images",
+            "width 0.15",
+            "width 0.02",
+            "b",
+            "a",
+        ];
+        let object: serde_json::Map<String, Value> = names
+            .iter()
+            .map(|n| ((*n).to_owned(), Value::Null))
+            .collect();
+        let table = table(&Value::Object(object));
+        let at = |name: &str| table.find(&format!("<td>{name}</td>")).unwrap();
+        for pair in [
+            "1 image",
+            "2 images",
+            "16 images",
+            "a",
+            "b",
+            "width 0.02",
+            "width 0.15",
+        ]
+        .windows(2)
+        {
+            assert!(at(pair[0]) < at(pair[1]), "{pair:?}");
+        }
     }
 
     #[test]

@@ -5,15 +5,21 @@ use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
     rc::Rc,
-    sync::atomic::AtomicBool,
+    sync::atomic::{AtomicBool, Ordering},
     time::Instant,
 };
 
 use super::{
     Scale, StudyError,
-    trial::{Solved, Trial},
+    trial::{Solved, Trial, name_of},
 };
-use crate::{control::Control, reconstruct, reconstruction::Ended, settings::Settings};
+use crate::{
+    capture::{Capture, LoadOptions},
+    control::Control,
+    reconstruct,
+    reconstruction::{Ended, Reconstruction},
+    settings::Settings,
+};
 
 /// Seconds for a reconstruction of a capture that was given.
 const SECONDS: [f64; 2] = [120.0, 600.0];
@@ -26,6 +32,10 @@ pub struct Bench<'a> {
     pub scale: Scale,
     /// Folder of captures with their truth.
     pub captures: &'a Path,
+    /// One capture that was asked for, with or without a truth.
+    pub capture: Option<&'a Path>,
+    /// Folder of a capture of real photographs.
+    pub real: Option<&'a Path>,
     /// Threads of a reconstruction.
     pub threads: usize,
     /// Seconds for each reconstruction, in place of the scale's own.
@@ -49,6 +59,8 @@ impl<'a> Bench<'a> {
         Self {
             scale,
             captures,
+            capture: None,
+            real: None,
             threads: Settings::default().threads,
             time_limit: None,
             stop,
@@ -123,6 +135,27 @@ impl<'a> Bench<'a> {
         folders.iter().map(|folder| self.trial(folder)).collect()
     }
 
+    /// The photographs of the capture that was asked for or, without one, of all that have a truth; by name.
+    ///
+    /// # Errors
+    /// As [`trials`](Self::trials).
+    pub fn photographs(&self) -> Result<Vec<(String, Rc<Capture>)>, StudyError> {
+        if let Some(folder) = self.capture {
+            let capture = Capture::load(folder, &LoadOptions::default())?;
+            return Ok(vec![(name_of(folder), Rc::new(capture))]);
+        }
+        let trials = self.trials()?;
+        let photographs = trials.iter();
+        Ok(photographs
+            .map(|trial| (trial.name.clone(), Rc::clone(&trial.capture)))
+            .collect())
+    }
+
+    /// Whether the caller asked for the end.
+    pub fn stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
     fn trial(&self, folder: &Path) -> Result<Rc<Trial>, StudyError> {
         if let Some(trial) = self.trials.borrow().get(folder) {
             return Ok(Rc::clone(trial));
@@ -143,26 +176,65 @@ impl<'a> Bench<'a> {
         occluders: bool,
         seed: u64,
     ) -> Result<Rc<Solved>, StudyError> {
-        let key = format!("{}, occluders {occluders}, seed {seed}", trial.name);
+        let words = if occluders {
+            "modelled"
+        } else {
+            "not modelled"
+        };
+        let key = format!("{}, occluders {words}, seed {seed}", trial.name);
         if let Some(solved) = self.solved.borrow().get(&key) {
             return Ok(Rc::clone(solved));
         }
-        let solved = Rc::new(self.fresh(trial, occluders, seed)?);
+        let settings = Settings {
+            time_limit: Some(self.seconds()),
+            seed,
+            occluders,
+            ..self.settings(trial)
+        };
+        let solved = Rc::new(self.reconstructed(trial, &key, &settings)?);
         let mut all = self.solved.borrow_mut();
         all.insert(key, Rc::clone(&solved));
         Ok(solved)
     }
 
-    fn fresh(&self, trial: &Trial, occluders: bool, seed: u64) -> Result<Solved, StudyError> {
-        let settings = Settings {
-            time_limit: Some(self.seconds()),
-            seed,
+    /// What every reconstruction of a capture has in common: materials are told to be matt where they are.
+    pub fn settings(&self, trial: &Trial) -> Settings {
+        Settings {
             threads: self.threads,
-            occluders,
             lambertian: trial.truth.specular.is_none(),
             ..Settings::default()
-        };
+        }
+    }
+
+    /// A capture's reconstruction with these settings; `words` tell which it is.
+    ///
+    /// # Errors
+    /// As [`solve`](Self::solve).
+    pub fn reconstructed(
+        &self,
+        trial: &Trial,
+        words: &str,
+        settings: &Settings,
+    ) -> Result<Solved, StudyError> {
         let began = Instant::now();
+        let solved = Solved::new(self.run(&trial.capture, settings)?, trial)?;
+        (self.tell)(&format!(
+            "{words}: environment {:.3}, {:.0} s",
+            solved.environment_error(),
+            began.elapsed().as_secs_f64(),
+        ));
+        Ok(solved)
+    }
+
+    /// The reconstruction of photographs without a truth.
+    ///
+    /// # Errors
+    /// As [`solve`](Self::solve).
+    pub fn run(
+        &self,
+        capture: &Capture,
+        settings: &Settings,
+    ) -> Result<Reconstruction, StudyError> {
         let control = Control {
             stop: self.stop,
             ..Control::detached()
@@ -170,23 +242,10 @@ impl<'a> Bench<'a> {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(settings.threads)
             .build()?;
-        let capture = &trial.capture;
-        let found = pool.install(|| reconstruct::run(capture, &settings, &control))?;
+        let found = pool.install(|| reconstruct::run(capture, settings, &control))?;
         if found.ended == Ended::Interrupted {
             return Err(StudyError::Stopped);
         }
-        let solved = Solved::new(found, trial)?;
-        (self.tell)(&format!(
-            "{}, occluders {}, seed {seed}: environment {:.3}, {:.0} s",
-            trial.name,
-            if occluders {
-                "modelled"
-            } else {
-                "not modelled"
-            },
-            solved.environment_error(),
-            began.elapsed().as_secs_f64(),
-        ));
-        Ok(solved)
+        Ok(found)
     }
 }

@@ -4,6 +4,8 @@ use render::image::Image;
 use serde::Serialize;
 use serde_json::Value;
 
+use crate::report::text::number;
+
 /// Whether the paper's claim held here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -14,6 +16,8 @@ pub enum Verdict {
     HeldInPart,
     /// It did not.
     DidNotHold,
+    /// What it takes was not at hand.
+    NotTested,
 }
 
 impl Verdict {
@@ -32,8 +36,15 @@ impl Verdict {
             Self::Held => "The claim held here",
             Self::HeldInPart => "The claim held here in part",
             Self::DidNotHold => "The claim did not hold here",
+            Self::NotTested => "The claim was not tested here",
         }
     }
+}
+
+/// Numbers one after the other, in three digits.
+pub fn listed(values: &[f64]) -> String {
+    let words: Vec<String> = values.iter().map(|v| number(*v)).collect();
+    words.join(", ")
 }
 
 /// The result of a study.

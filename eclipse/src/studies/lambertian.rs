@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
-    evidence::{Content, Figure, Picture, white},
+    evidence::{Content, Figure, Picture, listed, white},
     trial::{Solved, Trial},
 };
 use crate::report::text::number;
@@ -79,11 +79,6 @@ impl Pair {
         let alone = Self::errors(&self.alone).into_iter();
         worst < MARGIN * alone.fold(f64::INFINITY, f64::min)
     }
-}
-
-fn listed(values: &[f64]) -> String {
-    let words: Vec<String> = values.iter().map(|v| number(*v)).collect();
-    words.join(", ")
 }
 
 fn evidence(bench: &Bench<'_>, pairs: &[Pair]) -> Evidence {

@@ -81,7 +81,7 @@ fn html(evidence: &Evidence, figures: &str) -> String {
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width\">\n<title>{title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n\
          <header>\n<p class=\"summary\"><b>{verdict}</b>: {sentence}</p>\n<p class=\"kicker\">{source}</p>\n<h1>{title}</h1>\n\
-         <p>The paper's claim: {claim}</p>\n</header>\n{figures}<h2>Numbers</h2>\n{numbers}\n<h2>How</h2>\n{notes}\
+         <p>The claim: {claim}</p>\n</header>\n{figures}<h2>Numbers</h2>\n{numbers}\n<h2>How</h2>\n{notes}\
          <footer>Written by eclipse {version}; <code>eclipse study {name}</code> makes it again.</footer>\n</body>\n</html>\n",
         title = text::escaped(evidence.title),
         verdict = evidence.verdict.words(),

@@ -1,6 +1,6 @@
 //! A capture whose truth is known, and what was recovered from it.
 
-use std::{f32::consts::PI, path::Path};
+use std::{f32::consts::PI, path::Path, rc::Rc};
 
 use render::{image::Image, lat_long::LatLong};
 
@@ -16,7 +16,7 @@ pub struct Trial {
     /// The folder's name.
     pub name: String,
     /// The photographs.
-    pub capture: Capture,
+    pub capture: Rc<Capture>,
     /// What they are of.
     pub truth: Truth,
     /// The true radiance.
@@ -30,12 +30,11 @@ impl Trial {
     /// Files that cannot be read, or a truth without light.
     pub fn load(folder: &Path) -> Result<Self, StudyError> {
         let truth = evaluate::truth(&folder.join("truth"))?;
-        let name = folder.file_name().unwrap_or_default();
-        let name = name.to_string_lossy().into_owned();
+        let name = name_of(folder);
         let light = truth.environment.clone();
         Ok(Self {
             light: light.ok_or_else(|| StudyError::NoLight(name.clone()))?,
-            capture: Capture::load(folder, &LoadOptions::default())?,
+            capture: Rc::new(Capture::load(folder, &LoadOptions::default())?),
             name,
             truth,
         })
@@ -51,6 +50,12 @@ impl Trial {
         let score = environment::compare(map, &self.light).score;
         score.texels.relative_rmse_aligned.unwrap_or(f64::NAN)
     }
+}
+
+/// What a capture is called: its folder's name.
+pub fn name_of(folder: &Path) -> String {
+    let name = folder.file_name().unwrap_or_default();
+    name.to_string_lossy().into_owned()
 }
 
 /// What was recovered, and how far from the truth it is.

@@ -10,9 +10,9 @@ const EYES: f32 = 0.92;
 /// Rays a texel are the square of this.
 const SIDE: usize = 4;
 
-/// Transmittance of the person behind a camera at `eye`, seen from the origin on `grid`.
-pub(super) fn mask(eye: Vec3, grid: LatLong) -> Image {
-    let body = body(eye);
+/// Transmittance of the person behind a camera at `eye`, `size` times as tall as usual, seen from the origin on `grid`.
+pub(super) fn mask(eye: Vec3, grid: LatLong, size: f32) -> Image {
+    let body = body(eye, size);
     let mut mask = Image::filled(grid.columns, grid.rows, 1, 1.0);
     for (index, value) in mask.data.iter_mut().enumerate() {
         let (row, column) = (index / grid.columns, index % grid.columns);
@@ -53,8 +53,8 @@ impl Capsule {
 }
 
 /// Somebody upright who looks at the origin along the camera, with both hands at it.
-fn body(eye: Vec3) -> Vec<Capsule> {
-    let height = HEIGHT * eye.length();
+fn body(eye: Vec3, size: f32) -> Vec<Capsule> {
+    let height = size * HEIGHT * eye.length();
     let outward = eye.with_z(0.0).try_normalize().unwrap_or(Vec3::X);
     let across = Vec3::Z.cross(outward);
     let feet = eye + 0.12 * height * outward - EYES * height * Vec3::Z;
@@ -88,7 +88,7 @@ mod tests {
     fn the_person_stands_upright_behind_the_camera() {
         let grid = LatLong::new(50, 100);
         let eye = Vec3::new(0.0, 4.0, 1.0);
-        let mask = mask(eye, grid);
+        let mask = mask(eye, grid, 1.0);
         let towards = |direction: Vec3| mask.data[grid.nearest(direction.normalize())];
         // The head is narrower than two texels.
         assert!(towards(eye + Vec3::new(0.0, 0.5, 0.0)) < 0.5);

@@ -46,9 +46,27 @@ impl At<'_> {
     /// # Errors
     /// As [`Shared::masks`].
     pub fn radiance(&self) -> Result<Vec<f32>, RunError> {
-        let planar = self.ws.output("radiance")?;
+        Ok(self.by_texel(self.ws.output("radiance")?))
+    }
+
+    /// The change of the radiance along the direction of the last product Jv, `[texel][channel]`.
+    ///
+    /// # Errors
+    /// As [`Shared::masks`].
+    pub fn radiance_change(&self) -> Result<Vec<f32>, RunError> {
+        Ok(self.by_texel(self.ws.tangent("radiance")?))
+    }
+
+    fn by_texel(&self, planar: &[f32]) -> Vec<f32> {
         let n = self.shared.grid.len();
-        Ok((0..3 * n).map(|i| planar[(i % 3) * n + i / 3]).collect())
+        (0..3 * n).map(|i| planar[(i % 3) * n + i / 3]).collect()
+    }
+
+    /// The change of every mask when the parameters of occluders move along `v`, `[texel][frame]`; empty without occluders.
+    pub fn mask_change(&mut self, v: &[f32]) -> Vec<f32> {
+        self.sky
+            .as_mut()
+            .map_or(Vec::new(), |sky| self.shared.sky.push(sky, v))
     }
 }
 
@@ -67,12 +85,13 @@ impl Linearisation for At<'_> {
 
     fn jvp(&mut self, v: &[f32]) -> Vec<f32> {
         let [environment, occluders] = self.shared.ranges();
-        let mask = self
-            .sky
-            .as_mut()
-            .map(|sky| self.shared.sky.push(sky, &v[occluders]));
-        let masks: Vec<(String, Vec<f32>)> = (0..self.shared.shells.groups.len())
-            .filter_map(|g| Some((named("mask", g), self.shared.columns(mask.as_ref()?, g))))
+        let mask = self.mask_change(&v[occluders]);
+        let groups = match mask.is_empty() {
+            true => 0,
+            false => self.shared.shells.groups.len(),
+        };
+        let masks: Vec<(String, Vec<f32>)> = (0..groups)
+            .map(|g| (named("mask", g), self.shared.columns(&mask, g)))
             .collect();
         let mut direction = vec![("environment", &v[environment])];
         direction.extend(

@@ -152,6 +152,6 @@ pub(super) fn grouped(
 }
 
 /// The masks' grid beside that of light.
-pub(in crate::reconstruct) fn mask_grid(grid: LatLong) -> LatLong {
+pub fn mask_grid(grid: LatLong) -> LatLong {
     LatLong::new(MASK_SIDE * grid.rows, MASK_SIDE * grid.columns)
 }

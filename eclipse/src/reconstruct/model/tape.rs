@@ -17,6 +17,18 @@ pub(super) fn coefficient(z: f32) -> f32 {
     (TAIL * z).sinh() / TAIL
 }
 
+/// How the variances of luminance and the two chroma components add up to that of each channel's logarithm.
+pub(super) fn mixed_variances() -> [[f64; 3]; 3] {
+    let [red_green, blue_yellow] = [CHROMA.powi(2) / 2.0, CHROMA.powi(2) / 6.0];
+    let side = [1.0, red_green, blue_yellow];
+    [side, side, [1.0, 0.0, 4.0 * blue_yellow]]
+}
+
+/// How fast the coefficient changes with `z`.
+pub(super) fn steepness(z: f32) -> f32 {
+    (TAIL * z).cosh()
+}
+
 /// Residuals and predictions of every group of frames, and radiance.
 pub(super) fn record(pyramid: &Pyramid, groups: usize) -> Result<Program, GraphError> {
     let g = Graph::new();

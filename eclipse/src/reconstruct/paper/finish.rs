@@ -64,6 +64,7 @@ pub fn finish(
         ("seconds".to_owned(), solution.seconds.into()),
     ]);
     Ok(Reconstruction {
+        uncertainty: None,
         materials,
         vertex_materials,
         network: Some(export::safetensors(&solution.network)),

@@ -2,8 +2,14 @@
 
 use render::lat_long::LatLong;
 
-use super::super::{fast::Stage, shell::Shells, surface};
-use crate::{capture::Capture, settings::Settings};
+use super::{
+    super::{fast::Stage, shell::Shells, surface},
+    uncertainty::MOST_PRODUCTS,
+};
+use crate::{
+    capture::Capture,
+    settings::{OccluderPrior, Settings},
+};
 
 /// About the share of the grid of light that a point of a surface looks at, and that is not behind the object.
 const SEEN: f64 = 0.47;
@@ -59,6 +65,13 @@ impl Plan {
             * (directions * (8.0 + 32.0 * groups) + grid.len() as f64 * 4.0 + frames * 200.0);
         let masks = 4.0 * grid.len() as f64 * frames * 60.0;
         let mesh = capture.mesh.faces.len() as f64 * 400.0;
-        (images + sights + rows + tape + masks + mesh + 80e6) as u64
+        // Directions that data determine, and what moves with each.
+        let harmonics = match settings.occluder_prior {
+            OccluderPrior::None => (settings.harmonic_degree as f64 + 1.0).powi(2) * frames,
+            OccluderPrior::Operator => 0.0,
+        };
+        let moved = 8.0 * grid.len() as f64 + 3.0 * self.patches as f64 + harmonics;
+        let doubt = 2.0 * MOST_PRODUCTS as f64 * 4.0 * moved;
+        (images + sights + rows + tape + masks + mesh + doubt + 80e6) as u64
     }
 }
