@@ -13,6 +13,15 @@ if (slider) {
   slider.addEventListener("input", show);
   show();
 }
+// An edge between photograph and render.
+const edge = document.getElementById("edge");
+if (edge) {
+  const wipe = () => {
+    document.getElementById("frame-photograph").style.clipPath = `inset(0 ${100 - edge.value}% 0 0)`;
+  };
+  edge.addEventListener("input", wipe);
+  wipe();
+}
 // The environment is kept as radiance, so that any exposure can be looked at.
 const canvas = document.getElementById("environment");
 const exposure = document.getElementById("exposure");
@@ -36,3 +45,15 @@ exposure.addEventListener("input", draw);
 draw();
 document.getElementById("environment-still").hidden = true;
 canvas.hidden = false;
+// The radiance under the pointer, and where it comes from.
+canvas.addEventListener("pointermove", (event) => {
+  const box = canvas.getBoundingClientRect();
+  const inside = (share, count) => Math.min(count - 1, Math.max(0, Math.floor(share * count)));
+  const column = inside((event.clientX - box.left) / box.width, canvas.width);
+  const row = inside((event.clientY - box.top) / box.height, canvas.height);
+  const azimuth = 180 - 360 * (column + 0.5) / canvas.width, elevation = 90 - 180 * (row + 0.5) / canvas.height;
+  const at = 3 * (row * canvas.width + column);
+  const rgb = [...radiance.subarray(at, at + 3)].map((v) => Number(v.toPrecision(3)));
+  document.getElementById("texel").textContent =
+    `Azimuth ${azimuth.toFixed(0)}° from +x, elevation ${elevation.toFixed(0)}°: ${rgb.join(", ")}`;
+});
