@@ -10,6 +10,7 @@ mod man;
 mod nulls;
 mod reconstruct;
 mod relight;
+mod shown;
 mod studies;
 mod study;
 mod synthesize;
@@ -27,6 +28,7 @@ use std::{
 
 use clap::Parser;
 
+use crate::progress;
 use arguments::{Arguments, Command};
 use man::ManArguments;
 
@@ -105,14 +107,19 @@ pub fn run(
         Command::Evaluate(arguments) => evaluate::run(arguments, out),
         Command::Diagnose(arguments) => diagnose::run(arguments, out),
         Command::Study(arguments) => study::run(arguments, out, err),
-        Command::Synthesize(arguments) => synthesize::run(arguments, out, err),
+        Command::Synthesize(arguments) => synthesize::run(arguments, out),
         Command::Relight(arguments) => relight::run(arguments, out),
         Command::Export(arguments) => export::run(arguments, out),
         Command::Completions(arguments) => completions::run(arguments, out),
         Command::Man(ManArguments {}) => man::run(out),
     };
+    let read_by_a_program = arguments.command.progress().is_some_and(|p| p.is_json());
+    if read_by_a_program {
+        shown::end(&result);
+    }
     match result {
         Ok(outcome) => outcome,
+        Err(failure) if read_by_a_program => failure.outcome,
         Err(failure) => {
             let _ = writeln!(err, "error: {}", failure.message);
             failure.outcome
@@ -128,6 +135,7 @@ fn stop_on_interrupt() -> Result<&'static AtomicBool, Failure> {
     HANDLED.call_once(|| {
         result = ctrlc::set_handler(|| {
             if STOP.swap(true, Ordering::Relaxed) {
+                progress::restore();
                 std::process::exit(Outcome::Interrupted as i32);
             }
         });

@@ -2,6 +2,8 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use render::image::Image;
+
 use crate::checkpoint::{Checkpoint, CheckpointError};
 
 /// The caller's side of a running solve.
@@ -10,6 +12,8 @@ pub struct Control<'a> {
     pub stop: &'a AtomicBool,
     /// Told after every iteration; cheap to call.
     pub progress: &'a (dyn Fn(&Progress) + Sync),
+    /// Shown the environment as it stands after iterations, where somebody looks: linear radiance on a grid of the solver's.
+    pub light: Option<&'a (dyn Fn(&Image) + Sync)>,
     /// Saves the solver's state; the solver decides when, the caller where.
     pub checkpoint: &'a (dyn Fn(&Checkpoint) -> Result<(), CheckpointError> + Sync),
     /// The state to continue from, already checked against the capture and the settings.
@@ -23,6 +27,7 @@ impl Control<'static> {
         Self {
             stop: &NEVER,
             progress: &|_| (),
+            light: None,
             checkpoint: &|_| Ok(()),
             resume: None,
         }

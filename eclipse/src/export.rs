@@ -34,7 +34,10 @@ use render::camera::Camera;
 use render::convention::Convention;
 
 use crate::{
-    files::{atomic, claim},
+    files::{
+        atomic, claim,
+        lock::{Lock, LockError},
+    },
     image_io::{
         EnvironmentIoError, EnvironmentOptions, ExrOptions, ImageIoError, read_environment,
         write_exr_with,
@@ -143,6 +146,7 @@ pub fn export(folder: &Path, program: Program, out: &Path) -> Result<(), ExportE
     if !claim(out, NOTES).map_err(|source| ExportError::write(out, source))? {
         return Err(ExportError::Occupied { path: out.into() });
     }
+    let _lock = Lock::acquire(out)?;
     write(&out.join(NOTES), notes(program, &object).as_bytes())?;
     let mut options = ExrOptions::default();
     let convention = program.convention();
@@ -240,6 +244,9 @@ pub enum ExportError {
         /// The folder.
         path: PathBuf,
     },
+    /// Another run writes to the folder.
+    #[error(transparent)]
+    Lock(#[from] LockError),
     /// The map could not be written.
     #[error(transparent)]
     Image(#[from] ImageIoError),

@@ -38,6 +38,14 @@ pub fn read_limited(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
 /// A folder that can be neither made nor listed.
 pub fn claim(path: &Path, marker: &str) -> io::Result<bool> {
     fs::create_dir_all(path)?;
-    let empty = fs::read_dir(path)?.next().is_none();
-    Ok(empty || path.join(marker).is_file())
+    if path.join(marker).is_file() {
+        return Ok(true);
+    }
+    for entry in fs::read_dir(path)? {
+        // A run that is about to begin, or was killed then, has left no more than this.
+        if entry?.file_name() != lock::NAME {
+            return Ok(false);
+        }
+    }
+    Ok(true)
 }

@@ -1,7 +1,7 @@
 //! Reconstruction of light, materials and unseen occluders from posed photographs.
 //!
 //! Data flow one way: [`capture`] → [`reconstruct`] → [`reconstruction`] → [`criticism`] → [`joint`] → [`report`] and [`output`]; [`cli`] is the
-//! program around them.
+//! program around them. New here? [`guide`] is a short book.
 //!
 //! # A short tour
 //!
@@ -53,6 +53,7 @@ pub mod criticism;
 pub mod evaluate;
 pub mod export;
 pub mod files;
+pub mod guide;
 pub mod image_io;
 pub mod inspect;
 pub mod joint;

@@ -1,36 +1,69 @@
-//! A running solve on the terminal: stage, iteration, loss, samples per second, time left.
+//! Running work on the terminal: stage, iteration, loss, samples per second, time left; or the same as JSON for programs.
+
+mod dashboard;
+mod lines;
+mod thumbnail;
 
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+pub use dashboard::{Dashboard, restore};
+pub use lines::{Event, Lines, say};
 
 use crate::{control::Progress, settings::Settings};
 
 /// Steps of the bar: finer than a terminal is wide.
 const STEPS: u64 = 1000;
 
-/// A progress bar on standard error, which shows nothing when that is not a terminal.
+/// How work under way is shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Style {
+    /// A bar on standard error, where that is a terminal.
+    Bar,
+    /// JSON on standard error, a line an event.
+    Lines,
+    /// Not at all.
+    Hidden,
+}
+
+impl Style {
+    /// A bar of `steps` that shows itself where this style has one.
+    fn bar(self, steps: u64, template: &str) -> ProgressBar {
+        let target = match self {
+            Self::Bar => ProgressDrawTarget::stderr(),
+            Self::Lines | Self::Hidden => ProgressDrawTarget::hidden(),
+        };
+        let bar = ProgressBar::with_draw_target(Some(steps), target);
+        // The templates are constant and known to parse; a plain bar would do as well.
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            bar.set_style(style.progress_chars("━╸─"));
+        }
+        bar
+    }
+
+    fn lines(self) -> Option<Lines> {
+        (self == Self::Lines).then(Lines::default)
+    }
+}
+
+/// A running solve on standard error.
 pub struct ProgressDisplay {
     bar: ProgressBar,
+    lines: Option<Lines>,
     time_limit: Option<f64>,
 }
 
 impl ProgressDisplay {
-    /// A bar for a run with `settings`; `hidden` keeps it off the terminal too.
-    pub fn new(settings: &Settings, hidden: bool) -> Self {
-        let target = if hidden {
-            ProgressDrawTarget::hidden()
-        } else {
-            ProgressDrawTarget::stderr()
-        };
-        let bar = ProgressBar::with_draw_target(Some(STEPS), target);
-        // The template is constant and known to parse; a plain bar would do as well.
-        if let Ok(style) = ProgressStyle::with_template("{bar:24} {msg}") {
-            bar.set_style(style.progress_chars("━╸─"));
+    /// Of a run with `settings`.
+    pub fn new(settings: &Settings, style: Style) -> Self {
+        let bar = style.bar(STEPS, "{bar:24} {msg}");
+        if style == Style::Bar {
+            bar.enable_steady_tick(Duration::from_millis(200));
         }
-        bar.enable_steady_tick(Duration::from_millis(200));
         Self {
             bar,
+            lines: style.lines(),
             time_limit: settings.time_limit,
         }
     }
@@ -41,6 +74,18 @@ impl ProgressDisplay {
         self.bar
             .set_position(share.map_or(0, |share| (share * STEPS as f64) as u64));
         self.bar.set_message(line(progress, self.time_limit));
+        if let Some(lines) = &self.lines {
+            lines.tell(&Event {
+                done: Some(progress.iteration),
+                of: progress.iterations,
+                share,
+                loss: Some(progress.loss).filter(|loss| loss.is_finite()),
+                samples_per_second: Some(progress.samples_per_second).filter(|rate| *rate > 0.0),
+                seconds: Some(progress.seconds),
+                seconds_left: seconds_left(progress, self.time_limit),
+                ..Event::stage(progress.stage)
+            });
+        }
     }
 
     /// Removes the bar.
@@ -49,24 +94,21 @@ impl ProgressDisplay {
     }
 }
 
-/// A bar on standard error that counts pictures, with the time left; it shows nothing when that is not a terminal.
+/// Pictures counted on standard error, with the time left.
 pub struct PictureDisplay {
     bar: ProgressBar,
+    lines: Option<Lines>,
     pictures: usize,
 }
 
 impl PictureDisplay {
-    /// A bar for so many pictures.
-    pub fn new(pictures: usize) -> Self {
-        let bar = ProgressBar::with_draw_target(
-            Some(STEPS * pictures as u64),
-            ProgressDrawTarget::stderr(),
-        );
-        // The template is constant and known to parse; a plain bar would do as well.
-        if let Ok(style) = ProgressStyle::with_template("{bar:24} {msg} · {eta} left") {
-            bar.set_style(style.progress_chars("━╸─"));
+    /// Of so many pictures.
+    pub fn new(pictures: usize, style: Style) -> Self {
+        Self {
+            bar: style.bar(STEPS * pictures as u64, "{bar:24} {msg} · {eta} left"),
+            lines: style.lines(),
+            pictures,
         }
-        Self { bar, pictures }
     }
 
     /// Shows that picture `index`, from 0, is done by `share`.
@@ -75,6 +117,15 @@ impl PictureDisplay {
         self.bar
             .set_message(format!("picture {}/{}", index + 1, self.pictures));
         self.bar.set_position(STEPS * index as u64 + step);
+        if let Some(lines) = &self.lines {
+            let all = self.pictures.max(1) as f64;
+            lines.tell(&Event {
+                done: Some(index as u64),
+                of: Some(self.pictures as u64),
+                share: Some((index as f64 + f64::from(share.clamp(0.0, 1.0))) / all),
+                ..Event::stage("pictures")
+            });
+        }
     }
 
     /// Removes the bar.
@@ -96,6 +147,12 @@ fn share(progress: &Progress, time_limit: Option<f64>) -> Option<f64> {
     Some(share.clamp(0.0, 1.0))
 }
 
+/// Seconds to the end at the pace so far.
+fn seconds_left(progress: &Progress, time_limit: Option<f64>) -> Option<f64> {
+    let share = share(progress, time_limit).filter(|&share| share > 0.0)?;
+    Some(progress.seconds * (1.0 / share - 1.0))
+}
+
 /// The words beside the bar.
 fn line(progress: &Progress, time_limit: Option<f64>) -> String {
     let mut words = vec![progress.stage.to_owned()];
@@ -113,9 +170,8 @@ fn line(progress: &Progress, time_limit: Option<f64>) -> String {
             progress.samples_per_second / 1e6
         ));
     }
-    let share = share(progress, time_limit).filter(|&share| share > 0.0);
-    if let Some(share) = share {
-        let left = (progress.seconds * (1.0 / share - 1.0)).round() as u64;
+    if let Some(left) = seconds_left(progress, time_limit) {
+        let left = left.round() as u64;
         words.push(match left {
             0..60 => format!("{left} s left"),
             _ => format!("{} min {:02} s left", left / 60, left % 60),

@@ -4,6 +4,7 @@ mod chart;
 pub(crate) mod pictures;
 mod sections;
 pub(crate) mod text;
+mod viewer;
 
 use crate::{capture::Capture, image_io::ImageIoError, reconstruction::Reconstruction};
 
@@ -44,6 +45,7 @@ pub fn html(
     let body = [
         page.header(),
         page.frame_section(&frames),
+        page.viewer_section(),
         page.environment_section()?,
         page.occluder_section()?,
         page.numbers_section(),
@@ -55,9 +57,10 @@ pub fn html(
          <meta name=\"viewport\" content=\"width=device-width\">\n<title>{title}</title>\n<style>\n{style}</style>\n\
          </head>\n<body>\n{body}<footer>Written by eclipse {version}. Radiance is linear and scene-referred; light and \
          albedo share one unknown scale per channel.</footer>\n\
-         <script type=\"application/json\" id=\"data\">{data}</script>\n<script>\n{script}</script>\n</body>\n</html>\n",
+         <script type=\"application/json\" id=\"data\">{data}</script>\n<script>\n{script}</script>\n{viewer}</body>\n</html>\n",
         style = STYLE,
         script = include_str!("report/script.js"),
+        viewer = page.viewer_script(),
         body = body.concat(),
         version = env!("CARGO_PKG_VERSION"),
     ))

@@ -31,7 +31,7 @@ use std::path::PathBuf;
 use rayon::ThreadPoolBuildError;
 
 use crate::{
-    capture::CaptureError, evaluate::EvaluateError, image_io::ImageIoError,
+    capture::CaptureError, evaluate::EvaluateError, files::lock::LockError, image_io::ImageIoError,
     reconstruct::ReconstructError, synthesize::SynthesizeError,
 };
 
@@ -128,6 +128,9 @@ pub enum StudyError {
     /// A capture that cannot be reconstructed.
     #[error(transparent)]
     Reconstruct(#[from] ReconstructError),
+    /// Another run writes to the study's folder.
+    #[error(transparent)]
+    Lock(#[from] LockError),
     /// A truth that does not fit.
     #[error(transparent)]
     Evaluate(#[from] EvaluateError),

@@ -1,5 +1,6 @@
 //! Helpers shared by the test files.
 
+pub mod browser;
 pub mod colmap_model;
 pub mod perfect;
 pub mod program;

@@ -1,10 +1,20 @@
-//! A small capture of an object without any symmetry, made in memory.
+//! A small capture of an object without any symmetry, made in memory, and one on disk that is reconstructed in a moment.
 
-use std::f32::consts::TAU;
+use std::{
+    f32::consts::TAU,
+    path::{Path, PathBuf},
+    sync::OnceLock,
+};
 
-use eclipse::capture::{Capture, Frame};
+use eclipse::{
+    capture::{Capture, Frame},
+    synthesize::{self, Occluders, Pattern, Scene, Shooting},
+};
 use glam::Vec3;
-use render::{bvh::Bvh, camera::Camera, image::Image, mesh::Mesh};
+use render::{bsdf::Model, bvh::Bvh, camera::Camera, image::Image, lat_long::LatLong, mesh::Mesh};
+use tempfile::TempDir;
+
+use crate::scenes;
 
 /// Pixels across and down.
 pub const SIZE: [usize; 2] = [64, 48];
@@ -46,6 +56,38 @@ pub fn small_capture(centre: Vec3) -> Capture {
         mesh,
         centre,
     }
+}
+
+/// The folder of a synthetic capture of [`boxes`]: eight frames of 24 × 24 with an operator, made once a process.
+pub fn on_disk() -> &'static Path {
+    static FOLDER: OnceLock<(TempDir, PathBuf)> = OnceLock::new();
+    let (_, path) = FOLDER.get_or_init(|| {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("capture");
+        let scene = Scene {
+            mesh: boxes(),
+            environment: scenes::interior(LatLong::new(50, 100)).image().clone(),
+            model: Model::Lambertian,
+            albedo: Pattern {
+                mean: [0.5; 3],
+                variation: 0.2,
+            },
+            alpha: 0.5,
+            kappa: 0.0,
+            occluders: Occluders::Operator,
+        };
+        let shooting = Shooting {
+            frames: 8,
+            resolution: 24,
+            distance: 4.0,
+            noise: 0.002,
+            seed: 1,
+        };
+        let made = synthesize::synthesize(&scene, &shooting, |_| true).expect("a valid scene");
+        synthesize::write(&path, &scene, &made).expect("an empty folder");
+        (folder, path)
+    });
+    path
 }
 
 /// Three boxes along the axes, of different lengths, joined in a corner; the bounding box is centred at the origin.

@@ -78,7 +78,9 @@ fn only_the_command_line_talks_to_people() {
     ] {
         absent("eclipse/src", path, &["cli", "main.rs"]);
     }
-    absent("eclipse/src", "indicatif", &["progress.rs"]);
+    for terminal in ["indicatif", "ratatui"] {
+        absent("eclipse/src", terminal, &["progress.rs"]);
+    }
 }
 
 #[test]

@@ -9,53 +9,16 @@ use std::{
     time::{Duration, Instant},
 };
 
-use eclipse::{
-    files::lock::Lock,
-    synthesize::{self, Occluders, Pattern, Scene, Shooting},
-};
+use eclipse::files::lock::Lock;
 use eclipse_tests::{
     program::{stderr, text},
-    scenes,
-    small_capture::boxes,
+    small_capture::on_disk as capture,
 };
-use render::{bsdf::Model, lat_long::LatLong};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_eclipse-under-test");
 
 /// Steps of a whole run.
 const STEPS: &str = "5";
-
-/// A capture that is reconstructed in a moment, made once.
-fn capture() -> &'static Path {
-    static FOLDER: OnceLock<(tempfile::TempDir, PathBuf)> = OnceLock::new();
-    let (_, path) = FOLDER.get_or_init(|| {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("capture");
-        let scene = Scene {
-            mesh: boxes(),
-            environment: scenes::interior(LatLong::new(50, 100)).image().clone(),
-            model: Model::Lambertian,
-            albedo: Pattern {
-                mean: [0.5; 3],
-                variation: 0.2,
-            },
-            alpha: 0.5,
-            kappa: 0.0,
-            occluders: Occluders::Operator,
-        };
-        let shooting = Shooting {
-            frames: 8,
-            resolution: 24,
-            distance: 4.0,
-            noise: 0.002,
-            seed: 1,
-        };
-        let made = synthesize::synthesize(&scene, &shooting, |_| true).unwrap();
-        synthesize::write(&path, &scene, &made).unwrap();
-        (folder, path)
-    });
-    path
-}
 
 /// A short run into `out`, which goes on from a checkpoint where there is one.
 fn reconstruct(out: &Path) -> Command {
@@ -221,6 +184,74 @@ fn two_runs_do_not_write_to_one_folder() {
     assert_eq!(message.lines().count(), 1, "{message}");
     // A killed run holds nothing.
     drop(Lock::acquire(&out).unwrap());
+}
+
+#[test]
+fn every_command_that_writes_waits_for_nobody_and_says_who_has_the_folder() {
+    let whole = undisturbed().0.path();
+    let folder = tempfile::tempdir().unwrap();
+    let (labels, mesh) = (
+        folder.path().join("labels.json"),
+        folder.path().join("m.obj"),
+    );
+    fs::write(&labels, "{}").unwrap();
+    fs::write(&mesh, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let out = folder.path().join("out");
+    let map = whole.join("environment.exr");
+    let commands: [&[&str]; 6] = [
+        &["diagnose", text(capture())],
+        &["relight", text(whole), "--environment", text(&map)],
+        &["export", text(whole), "--for", "blender"],
+        &["study", "theory"],
+        &[
+            "study",
+            "mismatch",
+            text(folder.path()),
+            "--labels",
+            text(&labels),
+        ],
+        &[
+            "synthesize",
+            "--mesh",
+            text(&mesh),
+            "--environment",
+            text(&map),
+        ],
+    ];
+    for arguments in commands {
+        // Studies have a folder each; a capture is not there until it is whole.
+        let lock = match arguments {
+            ["synthesize", ..] => Lock::beside(&out),
+            ["study", "theory"] => {
+                fs::create_dir_all(out.join("theory")).unwrap();
+                Lock::acquire(&out.join("theory"))
+            }
+            _ => {
+                fs::create_dir_all(&out).unwrap();
+                Lock::acquire(&out)
+            }
+        }
+        .unwrap();
+        let run = || {
+            let mut command = Command::new(PROGRAM);
+            command.args(arguments).args(["--out", text(&out)]);
+            command.output().unwrap()
+        };
+        let output = run();
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {message}");
+        let expected = format!("another run (process {})", std::process::id());
+        assert!(message.contains(&expected), "{arguments:?}: {message}");
+        assert!(message.contains("--out"), "{arguments:?}: {message}");
+        drop(lock);
+        fs::remove_dir_all(&out).ok();
+        // Free again: whatever else these commands say, it is not that.
+        if matches!(arguments, ["export", ..]) {
+            let output = run();
+            assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+            fs::remove_dir_all(&out).unwrap();
+        }
+    }
 }
 
 #[cfg(target_os = "linux")]

@@ -93,7 +93,7 @@ fn threads_and_interruptions_do_not_change_a_bit() {
         stop: &stop,
         progress: &stop_at_three,
         checkpoint: &save,
-        resume: None,
+        ..Control::detached()
     };
     let part = pool(2)
         .install(|| run(&capture, &bvh, &settings, &interrupted))

@@ -1,5 +1,6 @@
 //! The report: whole, self-contained, and honest about what there is.
 
+use base64::{Engine, engine::general_purpose::STANDARD};
 use eclipse::report::{ReportOptions, html};
 use eclipse_tests::perfect;
 
@@ -78,6 +79,45 @@ fn the_scripts_data_is_json_with_the_frames_and_the_radiance() {
 }
 
 #[test]
+fn the_object_is_packed_finely_enough() {
+    let capture = perfect::capture();
+    let solved = perfect::reconstruction(&capture);
+    let page = html(&capture, &solved, &ReportOptions::new("eclipse")).unwrap();
+    let data = page.split("id=\"data\">").nth(1).unwrap();
+    let data = data.split("</script>").next().unwrap();
+    let object = &serde_json::from_str::<serde_json::Value>(data).unwrap()["object"];
+    let bytes = |name: &str| STANDARD.decode(object[name].as_str().unwrap()).unwrap();
+    let number = |name: &str, k: usize| object[name][k].as_f64().unwrap() as f32;
+
+    let places = bytes("places");
+    assert_eq!(places.len(), 8 * capture.mesh.positions.len());
+    let radius = capture.mesh.bounding_radius();
+    for (position, place) in capture.mesh.positions.iter().zip(places.chunks_exact(8)) {
+        for k in 0..3 {
+            let share = f32::from(u16::from_le_bytes([place[2 * k], place[2 * k + 1]])) / 65535.0;
+            let unpacked = number("low", k) + share * number("extent", k);
+            assert!((unpacked - position[k]).abs() < 2e-5 * radius);
+        }
+    }
+    let normals = bytes("normals");
+    for (normal, packed) in capture.mesh.normals.iter().zip(normals.chunks_exact(8)) {
+        for k in 0..3 {
+            let unpacked =
+                f32::from(i16::from_le_bytes([packed[2 * k], packed[2 * k + 1]])) / 32767.0;
+            assert!((unpacked - normal[k]).abs() < 1e-4);
+        }
+    }
+    let faces: Vec<u32> = bytes("faces")
+        .chunks_exact(4)
+        .map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+        .collect();
+    assert_eq!(faces, capture.mesh.faces.concat());
+    // Albedo ½ is 188 as sRGB.
+    assert_eq!(bytes("albedo")[..4], [188, 188, 188, 255]);
+    assert_eq!(object["coated"], false);
+}
+
+#[test]
 fn text_from_outside_is_escaped() {
     let page = page();
     assert!(page.contains("its mask &lt;ended&gt; empty"));
@@ -90,7 +130,7 @@ fn elements_are_closed() {
     let page = page();
     for element in [
         "html", "head", "body", "header", "section", "figure", "table", "svg", "script", "style",
-        "div",
+        "div", "details", "ul", "li", "select", "option", "button", "label", "canvas", "output",
     ] {
         let opened = page.matches(&format!("<{element}>")).count()
             + page.matches(&format!("<{element} ")).count();
@@ -108,6 +148,7 @@ fn what_was_not_recovered_is_left_out() {
     let mut bare = perfect::reconstruction(&capture);
     bare.occluders.clear();
     bare.materials.clear();
+    bare.vertex_materials.clear();
     bare.renders.clear();
     bare.curve.clear();
     bare.notes.clear();
@@ -118,6 +159,8 @@ fn what_was_not_recovered_is_left_out() {
         "<h2>Occluders",
         "frame-render",
         "frame-albedo",
+        "id=\"viewer",
+        "WebGL",
         "<svg",
         "<aside",
     ] {

@@ -14,6 +14,7 @@ use eclipse::{
         model::Shared,
         noise,
         patches::Observations,
+        surface::Surface,
         uncertainty::{Deviations, Posterior},
     },
     reconstruction::{Uncertainty, UncertaintySummary},
@@ -21,7 +22,7 @@ use eclipse::{
     settings::OccluderPrior,
 };
 use eclipse_tests::perfect;
-use render::{bvh::Bvh, sampler::SampleKey};
+use render::{bvh::Bvh, lat_long::LatLong, sampler::SampleKey};
 
 /// Relative noise of every view.
 const NOISE: f32 = 0.02;
@@ -59,7 +60,10 @@ impl Small {
             seed: 0,
             threads: 1,
         };
-        let (observations, shared) = fast::prepare(&problem, &STAGE, &|_, _| true).unwrap();
+        let grid = LatLong::new(STAGE.rows, 2 * STAGE.rows);
+        let surface = Surface::new(&bvh, &capture.frames, &noise, grid, 400, 0, &|_, _| true);
+        let (observations, shared) =
+            fast::prepare(&problem, &surface, &STAGE, &|_, _| true).unwrap();
         let mut stream = SampleKey::default().stream();
         let truth: Vec<f32> = (0..shared.parameters())
             .map(|_| 0.4 * stream.normal())

@@ -23,6 +23,7 @@ pub use error::CaptureError;
 pub use formats::Source;
 pub use silhouette::{Diagnosis, mask_overlap};
 pub use transforms::parse_transforms;
+pub(crate) use write::vacant;
 pub use write::{write, write_with};
 
 use crate::{capture::paths::Folder, image_io::ColorEncoding, mesh_io::read_mesh};

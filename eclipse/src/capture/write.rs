@@ -32,9 +32,7 @@ pub fn write_with<E: From<CaptureError>>(
         path: path.into(),
         source,
     };
-    if fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_some()) || path.is_file() {
-        return Err(CaptureError::Occupied { path: path.into() }.into());
-    }
+    vacant(path)?;
     let parent = path
         .parent()
         .filter(|parent| !parent.as_os_str().is_empty())
@@ -63,6 +61,14 @@ pub fn write_with<E: From<CaptureError>>(
     fs::rename(staging.path(), path).map_err(fail)?;
     // The folder has its name now: nothing of it is to be cleaned up.
     let _ = staging.keep();
+    Ok(())
+}
+
+/// Checks that nothing is where a capture is to be written, before it is made with much work.
+pub(crate) fn vacant(path: &Path) -> Result<(), CaptureError> {
+    if fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_some()) || path.is_file() {
+        return Err(CaptureError::Occupied { path: path.into() });
+    }
     Ok(())
 }
 

@@ -5,8 +5,8 @@ use clap::{Parser, Subcommand};
 use super::{
     completions::CompletionsArguments, diagnose::DiagnoseArguments, evaluate::EvaluateArguments,
     export::ExportArguments, inspect::InspectArguments, man::ManArguments,
-    reconstruct::ReconstructArguments, relight::RelightArguments, study::StudyArguments,
-    synthesize::SynthesizeArguments,
+    reconstruct::ReconstructArguments, relight::RelightArguments, shown::ProgressArguments,
+    study::StudyArguments, synthesize::SynthesizeArguments,
 };
 
 /// Recovers light, materials and unseen occluders from posed photographs of an object whose shape is known.
@@ -42,6 +42,24 @@ pub(super) enum Command {
     Completions(CompletionsArguments),
     /// Prints the manual page.
     Man(ManArguments),
+}
+
+impl Command {
+    /// How its work is shown, of commands that take their time.
+    pub fn progress(&self) -> Option<&ProgressArguments> {
+        match self {
+            Self::Reconstruct(arguments) => Some(&arguments.progress),
+            Self::Diagnose(arguments) => Some(&arguments.progress),
+            Self::Study(arguments) => Some(arguments.progress()),
+            Self::Synthesize(arguments) => Some(&arguments.progress),
+            Self::Relight(arguments) => Some(&arguments.progress),
+            Self::Inspect(_)
+            | Self::Evaluate(_)
+            | Self::Export(_)
+            | Self::Completions(_)
+            | Self::Man(_) => None,
+        }
+    }
 }
 
 #[cfg(test)]

@@ -3,20 +3,24 @@
 use std::{
     io::Write,
     path::{Path, PathBuf},
-    sync::{
-        Mutex,
-        atomic::{AtomicBool, Ordering},
-    },
+    sync::atomic::{AtomicBool, Ordering},
 };
 
 use clap::Args;
 
-use super::{Failure, Outcome, print, stop_on_interrupt, units};
+use super::{
+    Failure, Outcome, print,
+    shown::{self, ProgressArguments},
+    stop_on_interrupt, units,
+};
 use crate::{
     capture::{Capture, LoadOptions},
     control::Control,
     criticism::{self, DiagnoseError, Diagnosis, Options, Simulation, effects, page},
-    joint, reconstruct,
+    files::lock::Lock,
+    joint, output,
+    progress::{ProgressDisplay, Style},
+    reconstruct,
     reconstruction::Ended,
     settings::Settings,
 };
@@ -62,6 +66,8 @@ pub(super) struct DiagnoseArguments {
     /// Print diagnosis.json instead of a summary.
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub progress: ProgressArguments,
 }
 
 /// What one diagnosis needs besides the capture.
@@ -74,6 +80,7 @@ pub(super) struct Job<'a> {
     pub mesh: Option<PathBuf>,
     pub seed: u64,
     pub threads: usize,
+    pub style: Style,
 }
 
 pub(super) fn run(arguments: &DiagnoseArguments, out: &mut dyn Write) -> Result<Outcome, Failure> {
@@ -96,15 +103,9 @@ pub(super) fn run(arguments: &DiagnoseArguments, out: &mut dyn Write) -> Result<
         threads: arguments
             .threads
             .map_or(Settings::default().threads, usize::from),
+        style: arguments.progress.style(arguments.json),
     };
-    // Whoever listens to standard error sees what is going on; a closed one is no failure.
-    let quiet = arguments.json;
-    let mut told = move |text: &str| {
-        if !quiet {
-            let _ = writeln!(std::io::stderr(), "{text} …");
-        }
-    };
-    let Some(diagnosis) = diagnose(&job, stop_on_interrupt()?, &mut told, &mut |_| Ok(()))? else {
+    let Some(diagnosis) = diagnose(&job, stop_on_interrupt()?, &mut |_| Ok(()))? else {
         return Ok(Outcome::Interrupted);
     };
     let text = if arguments.json {
@@ -120,7 +121,6 @@ pub(super) fn run(arguments: &DiagnoseArguments, out: &mut dyn Write) -> Result<
 pub(super) fn diagnose(
     job: &Job<'_>,
     stop: &AtomicBool,
-    report: &mut (dyn FnMut(&str) + Send),
     inspect: &mut dyn FnMut(&criticism::Outcome<'_>) -> Result<(), DiagnoseError>,
 ) -> Result<Option<Diagnosis>, Failure> {
     let options = LoadOptions {
@@ -129,6 +129,8 @@ pub(super) fn diagnose(
     };
     let began = std::time::Instant::now();
     let capture = Capture::load(job.capture, &options).map_err(Failure::bad_input)?;
+    let _lock = job.out.map(taken).transpose()?;
+    let report = shown::tell(job.style);
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(job.threads)
         .build()
@@ -147,13 +149,15 @@ pub(super) fn diagnose(
                 mesh: job.mesh.clone(),
                 ..Settings::default()
             };
+            let display = ProgressDisplay::new(&settings, job.style);
             let control = Control {
                 stop,
+                progress: &|progress| display.update(progress),
                 ..Control::detached()
             };
-            let solved = pool
-                .install(|| reconstruct::run(&capture, &settings, &control))
-                .map_err(Failure::failed)?;
+            let solved = pool.install(|| reconstruct::run(&capture, &settings, &control));
+            display.finish();
+            let solved = solved.map_err(Failure::failed)?;
             if solved.ended == Ended::Interrupted {
                 return Ok(None);
             }
@@ -166,12 +170,8 @@ pub(super) fn diagnose(
         time_limit: Some((job.time_limit - began.elapsed().as_secs_f64()).max(1.0)),
         ..Options::default()
     };
-    // The pool's thread does the work and passes on what it is doing.
-    let told = Mutex::new(report);
     let go_on = |text: &str| {
-        if let Ok(mut told) = told.lock() {
-            told(text);
-        }
+        report(text);
         !stop.load(Ordering::Relaxed)
     };
     let outcome = pool.install(|| criticism::diagnose(&capture, &simulation, &options, &go_on));
@@ -191,6 +191,12 @@ pub(super) fn diagnose(
         page::write(folder, &outcome).map_err(Failure::failed)?;
     }
     Ok(Some(outcome.diagnosis))
+}
+
+/// The right to write to a folder, which is made.
+fn taken(folder: &Path) -> Result<Lock, Failure> {
+    output::prepare(folder).map_err(Failure::failed)?;
+    Lock::acquire(folder).map_err(Failure::failed)
 }
 
 /// The command that reconstructs with what was found: effects of the camera fitted jointly, occluders if somebody moves in the

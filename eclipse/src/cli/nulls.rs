@@ -9,10 +9,17 @@ use std::{
 use clap::Args;
 use serde::Serialize;
 
-use super::{Failure, Outcome, diagnose, print, stop_on_interrupt, units};
+use super::{
+    Failure, Outcome, diagnose, print,
+    shown::{self, ProgressArguments},
+    stop_on_interrupt, units,
+};
 use crate::{
     capture::{self, Capture, LoadOptions},
     criticism::{nulls, study_scores::Case},
+    files::lock::Lock,
+    output,
+    progress::Style,
     settings::Settings,
     synthesize,
 };
@@ -42,6 +49,8 @@ pub(super) struct NullsArguments {
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub progress: ProgressArguments,
 }
 
 /// What the study found.
@@ -63,8 +72,11 @@ pub(super) fn run(
 ) -> Result<Outcome, Failure> {
     let structures = chosen(&arguments.structures)?;
     let stop = stop_on_interrupt()?;
+    output::prepare(&arguments.out).map_err(Failure::failed)?;
+    let _lock = Lock::acquire(&arguments.out).map_err(Failure::failed)?;
+    let style = arguments.progress.style(false);
     let (mut cases, mut by_structure) = (Vec::new(), BTreeMap::new());
-    let Some(bases) = bases(arguments, stop, err)? else {
+    let Some(bases) = bases(arguments, stop)? else {
         return Ok(Outcome::Interrupted);
     };
     for base in &bases {
@@ -92,13 +104,15 @@ pub(super) fn run(
                 threads: arguments
                     .threads
                     .map_or(Settings::default().threads, usize::from),
+                style: arguments.progress.style_of_part(),
             };
-            let Some(diagnosis) = diagnose::diagnose(&job, stop, &mut |_| (), &mut |_| Ok(()))?
-            else {
+            let Some(diagnosis) = diagnose::diagnose(&job, stop, &mut |_| Ok(()))? else {
                 return Ok(Outcome::Interrupted);
             };
             let case = Case::new(&name, &[], &diagnosis, None);
-            let _ = writeln!(err, "{}", case.line());
+            if style == Style::Bar {
+                let _ = writeln!(err, "{}", case.line());
+            }
             let [named, all] = by_structure.entry(structure.id()).or_insert([0, 0]);
             *named += usize::from(!case.found.is_empty());
             *all += 1;
@@ -132,7 +146,6 @@ fn chosen(names: &[String]) -> Result<Vec<&'static dyn nulls::Structure>, Failur
 fn bases(
     arguments: &NullsArguments,
     stop: &std::sync::atomic::AtomicBool,
-    err: &mut dyn Write,
 ) -> Result<Option<Vec<PathBuf>>, Failure> {
     if !arguments.captures.is_empty() {
         return Ok(Some(arguments.captures.clone()));
@@ -141,7 +154,7 @@ fn bases(
     for seed in arguments.seed..arguments.seed.saturating_add(arguments.scenes) {
         let folder: PathBuf = arguments.out.join("bases").join(format!("scene-{seed}"));
         if !is_filled(&folder) {
-            let _ = writeln!(err, "rendering scene {seed}");
+            shown::tell(arguments.progress.style(false))(&format!("rendering scene {seed}"));
             let (scene, shooting) = nulls::scenes::scene(seed);
             let go_on = |_| !stop.load(std::sync::atomic::Ordering::Relaxed);
             let photographs = match synthesize::synthesize(&scene, &shooting, go_on) {

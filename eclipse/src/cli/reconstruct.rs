@@ -7,16 +7,17 @@ use std::{
 };
 
 use clap::{Args, ValueEnum};
+use render::image::Image;
 use serde_json::json;
 
-use super::{Failure, Outcome, print, stop_on_interrupt, units};
+use super::{Failure, Outcome, print, shown::ProgressArguments, stop_on_interrupt, units};
 use crate::{
     capture::{Capture, LoadOptions},
     checkpoint,
     control::Control,
     files::lock::Lock,
     joint, layout, output,
-    progress::ProgressDisplay,
+    progress::{Dashboard, ProgressDisplay, Style, say},
     reconstruct,
     reconstruction::{Ended, Reconstruction},
     report::ReportOptions,
@@ -89,6 +90,11 @@ pub(super) struct ReconstructArguments {
     /// Print the metrics as JSON and nothing else.
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub progress: ProgressArguments,
+    /// A screen with the loss, the light as it stands, the pace and the time left, in place of the bar.
+    #[arg(long, conflicts_with = "progress")]
+    pub tui: bool,
 }
 
 /// Runs the command that was typed as `typed`.
@@ -133,25 +139,31 @@ pub(super) fn run(
         .build();
     let pool = pool.map_err(|error| Failure::failed(format!("cannot start threads: {error}")))?;
 
-    if !arguments.json {
-        let planned = reconstruct::memory(&capture, &settings);
-        eprintln!(
-            "{} frames, {} preset: about {} of memory, {} allowed",
-            capture.frames.len(),
-            settings.preset.name(),
-            units::bytes(planned),
-            units::bytes(settings.memory)
-        );
-    }
-    let display = ProgressDisplay::new(&settings, arguments.json);
+    let style = match arguments.tui {
+        true => Style::Hidden,
+        false => arguments.progress.style(arguments.json),
+    };
+    announce(&capture, &settings, style);
+    let display = ProgressDisplay::new(&settings, style);
+    let dashboard = arguments.dashboard(&settings)?;
+    let light: &(dyn Fn(&Image) + Sync) = &|environment| {
+        if let Some(dashboard) = &dashboard {
+            dashboard.light(environment);
+        }
+    };
     let control = Control {
         stop: stop_on_interrupt()?,
-        progress: &|progress| display.update(progress),
+        progress: &|progress| match &dashboard {
+            Some(dashboard) => dashboard.update(progress),
+            None => display.update(progress),
+        },
+        light: dashboard.as_ref().map(|_| light),
         checkpoint: &|checkpoint| checkpoint::save(&folder, checkpoint),
         resume: resumed.as_ref(),
     };
     let solved = pool.install(|| joint::run(&capture, &settings, &control));
     display.finish();
+    drop(dashboard);
     let solved = solved.map_err(Failure::failed)?;
     let report = ReportOptions::new(command(typed));
     output::write(&folder, &capture, &solved, &report).map_err(Failure::failed)?;
@@ -161,6 +173,24 @@ pub(super) fn run(
     } else {
         Outcome::Done
     })
+}
+
+/// What is said before the work begins.
+fn announce(capture: &Capture, settings: &Settings, style: Style) {
+    let (frames, preset) = (capture.frames.len(), settings.preset.name());
+    let planned = reconstruct::memory(capture, settings);
+    match style {
+        Style::Bar => eprintln!(
+            "{frames} frames, {preset} preset: about {} of memory, {} allowed",
+            units::bytes(planned),
+            units::bytes(settings.memory)
+        ),
+        Style::Lines => say(&json!({
+            "event": "start", "frames": frames, "preset": preset, "memory_bytes": planned,
+            "memory_allowed_bytes": settings.memory,
+        })),
+        Style::Hidden => {}
+    }
 }
 
 /// What is printed at the end.
@@ -228,6 +258,21 @@ impl ReconstructArguments {
                 .unwrap_or_else(|_| self.capture.clone());
             PathBuf::from("out").join(named.file_name().unwrap_or("capture".as_ref()))
         })
+    }
+
+    /// The screen, where it is asked for.
+    fn dashboard(&self, settings: &Settings) -> Result<Option<Dashboard>, Failure> {
+        if !self.tui {
+            return Ok(None);
+        }
+        let name = self.out();
+        let name = name.file_name().unwrap_or_default().to_string_lossy();
+        let title = format!("{name}, {} preset", settings.preset.name());
+        let begun = Dashboard::begin(title, settings).map_err(|error| Failure {
+            outcome: Outcome::Usage,
+            message: format!("--tui cannot be shown: {error}; use --progress bar or json"),
+        });
+        begun.map(Some)
     }
 
     /// Every option with its value.

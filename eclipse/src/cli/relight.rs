@@ -9,7 +9,7 @@ use std::{
 use clap::Args;
 use render::{camera::Camera, convention::Convention};
 
-use super::{Failure, Outcome, print, stop_on_interrupt, units};
+use super::{Failure, Outcome, print, shown::ProgressArguments, stop_on_interrupt, units};
 use crate::{
     capture::read_cameras,
     image_io::{EnvironmentOptions, Rows, read_environment},
@@ -82,6 +82,8 @@ pub(super) struct RelightArguments {
     /// Folder for the pictures, new or of earlier ones [default: DIR/relit].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    #[command(flatten)]
+    pub progress: ProgressArguments,
 }
 
 pub(super) fn run(arguments: &RelightArguments, out: &mut dyn Write) -> Result<Outcome, Failure> {
@@ -114,7 +116,7 @@ pub(super) fn run(arguments: &RelightArguments, out: &mut dyn Write) -> Result<O
         .build();
     let pool = pool.map_err(|error| Failure::failed(format!("cannot start threads: {error}")))?;
     let stop = stop_on_interrupt()?;
-    let display = PictureDisplay::new(cameras.len());
+    let display = PictureDisplay::new(cameras.len(), arguments.progress.style(false));
     let progress = |index: usize, share: f32| {
         display.update(index, share);
         !stop.load(Ordering::Relaxed)

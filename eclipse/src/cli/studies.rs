@@ -8,8 +8,12 @@ use std::{
 
 use clap::{Args, Subcommand};
 
-use super::{Failure, Outcome, print, stop_on_interrupt, units};
-use crate::studies::{self, Bench, Evidence, Scale, Study, StudyError, page};
+use super::{Failure, Outcome, print, shown::ProgressArguments, stop_on_interrupt, units};
+use crate::{
+    files::lock::Lock,
+    progress::{Event, Lines, Style},
+    studies::{self, Bench, Evidence, Scale, Study, StudyError, page},
+};
 
 #[derive(Subcommand, Debug)]
 pub(super) enum PaperStudy {
@@ -79,6 +83,35 @@ pub(super) struct PaperArguments {
     /// Print JSON: one summary, or a list of them for `all`.
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub progress: ProgressArguments,
+}
+
+impl PaperStudy {
+    /// Its name, or none for all of them, and its arguments.
+    fn named(&self) -> (Option<&'static str>, &PaperArguments) {
+        match self {
+            Self::Ambiguity(arguments) => (Some("ambiguity"), arguments),
+            Self::Conditioning(arguments) => (Some("conditioning"), arguments),
+            Self::Theory(arguments) => (Some("theory"), arguments),
+            Self::Recovery(arguments) => (Some("recovery"), arguments),
+            Self::Lambertian(arguments) => (Some("lambertian"), arguments),
+            Self::Masks(arguments) => (Some("masks"), arguments),
+            Self::Limit(arguments) => (Some("limit"), &arguments.paper),
+            Self::Uncertainty(arguments) => (Some("uncertainty"), arguments),
+            Self::Parametrisation(arguments) => (Some("parametrisation"), arguments),
+            Self::Shiny(arguments) => (Some("shiny"), arguments),
+            Self::Sweeps(arguments) => (Some("sweeps"), arguments),
+            Self::Relighting(arguments) => (Some("relighting"), arguments),
+            Self::Time(arguments) => (Some("time"), arguments),
+            Self::Real(arguments) => (Some("real"), arguments),
+            Self::All(arguments) => (None, arguments),
+        }
+    }
+
+    pub(super) fn arguments(&self) -> &PaperArguments {
+        self.named().1
+    }
 }
 
 pub(super) fn run(
@@ -86,26 +119,13 @@ pub(super) fn run(
     out: &mut dyn Write,
     err: &mut dyn Write,
 ) -> Result<Outcome, Failure> {
-    let mut capture = None;
-    let (name, arguments) = match study {
-        PaperStudy::Ambiguity(arguments) => ("ambiguity", arguments),
-        PaperStudy::Conditioning(arguments) => ("conditioning", arguments),
-        PaperStudy::Theory(arguments) => ("theory", arguments),
-        PaperStudy::Recovery(arguments) => ("recovery", arguments),
-        PaperStudy::Lambertian(arguments) => ("lambertian", arguments),
-        PaperStudy::Masks(arguments) => ("masks", arguments),
-        PaperStudy::Limit(arguments) => {
-            capture = arguments.capture.as_deref();
-            ("limit", &arguments.paper)
-        }
-        PaperStudy::Uncertainty(arguments) => ("uncertainty", arguments),
-        PaperStudy::Parametrisation(arguments) => ("parametrisation", arguments),
-        PaperStudy::Shiny(arguments) => ("shiny", arguments),
-        PaperStudy::Sweeps(arguments) => ("sweeps", arguments),
-        PaperStudy::Relighting(arguments) => ("relighting", arguments),
-        PaperStudy::Time(arguments) => ("time", arguments),
-        PaperStudy::Real(arguments) => ("real", arguments),
-        PaperStudy::All(arguments) => return every(arguments, out, err),
+    let (name, arguments) = study.named();
+    let Some(name) = name else {
+        return every(arguments, out, err);
+    };
+    let capture = match study {
+        PaperStudy::Limit(arguments) => arguments.capture.as_deref(),
+        _ => None,
     };
     let study = studies::by_name(name)
         .ok_or_else(|| Failure::failed(format!("there is no study called {name}")))?;
@@ -168,8 +188,10 @@ fn one(
     bench: &Bench<'_>,
     arguments: &PaperArguments,
 ) -> Result<Evidence, StudyError> {
-    let evidence = study.run(bench)?;
     let folder = arguments.out.join(study.name());
+    std::fs::create_dir_all(&folder)?;
+    let _lock = Lock::acquire(&folder)?;
+    let evidence = study.run(bench)?;
     page::write(&folder, &evidence)?;
     (bench.tell)(&folder.join(page::PAGE).display().to_string());
     Ok(evidence)
@@ -197,9 +219,14 @@ impl PaperArguments {
     ) -> Result<T, Failure> {
         let scale = if self.full { Scale::Full } else { Scale::Quick };
         let err = RefCell::new(err);
-        let tell = |message: &str| {
+        let (style, lines) = (self.progress.style(false), Lines::default());
+        let tell = |message: &str| match style {
             // A message that nobody reads is no failure.
-            let _ = writeln!(err.borrow_mut(), "{message}");
+            Style::Bar => {
+                let _ = writeln!(err.borrow_mut(), "{message}");
+            }
+            Style::Lines => lines.tell(&Event::stage(message)),
+            Style::Hidden => {}
         };
         let mut bench = Bench::new(scale, &self.captures, stop_on_interrupt()?, &tell);
         bench.threads = self.threads.map_or(bench.threads, usize::from);

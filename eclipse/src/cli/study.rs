@@ -12,7 +12,9 @@ use serde::Deserialize;
 use super::{
     Failure, Outcome, diagnose,
     nulls::{self, NullsArguments},
-    print, stop_on_interrupt,
+    print,
+    shown::ProgressArguments,
+    stop_on_interrupt,
     studies::{self, PaperStudy},
     units,
 };
@@ -22,7 +24,9 @@ use crate::{
         oracle::yardstick,
         study_scores::{Case, Scores},
     },
-    files::read_limited,
+    files::{lock::Lock, read_limited},
+    output,
+    progress::{Event, Lines, Style},
     settings::Settings,
 };
 
@@ -70,6 +74,19 @@ pub(super) struct MismatchArguments {
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub progress: ProgressArguments,
+}
+
+impl StudyArguments {
+    /// How the work is shown.
+    pub(super) fn progress(&self) -> &ProgressArguments {
+        match &self.command {
+            StudyCommand::Mismatch(arguments) => &arguments.progress,
+            StudyCommand::Nulls(arguments) => &arguments.progress,
+            StudyCommand::Paper(study) => &study.arguments().progress,
+        }
+    }
 }
 
 #[derive(Deserialize)]
@@ -100,8 +117,22 @@ pub(super) fn run(
         ))
     })?;
     let stop = stop_on_interrupt()?;
+    let lock = |folder: &PathBuf| {
+        output::prepare(folder).map_err(Failure::failed)?;
+        Lock::acquire(folder).map_err(Failure::failed)
+    };
+    let _lock = arguments.out.as_ref().map(lock).transpose()?;
+    let style = arguments.progress.style(false);
+    let lines = Lines::default();
     let mut cases = Vec::new();
-    for (name, label) in &labels {
+    for (index, (name, label)) in labels.iter().enumerate() {
+        if style == Style::Lines {
+            lines.tell(&Event {
+                done: Some(index as u64),
+                of: Some(labels.len() as u64),
+                ..Event::stage(name)
+            });
+        }
         let wanted = arguments
             .only
             .as_ref()
@@ -123,17 +154,20 @@ pub(super) fn run(
             threads: arguments
                 .threads
                 .map_or(Settings::default().threads, usize::from),
+            style: arguments.progress.style_of_part(),
         };
         let mut measure = None;
         let mut told = |outcome: &criticism::Outcome<'_>| {
             measure = yardstick(outcome, &label.effects)?;
             Ok(())
         };
-        let Some(diagnosis) = diagnose::diagnose(&job, stop, &mut |_| (), &mut told)? else {
+        let Some(diagnosis) = diagnose::diagnose(&job, stop, &mut told)? else {
             return Ok(Outcome::Interrupted);
         };
         let case = Case::new(name, &label.effects, &diagnosis, measure);
-        let _ = writeln!(err, "{}", case.line());
+        if style == Style::Bar {
+            let _ = writeln!(err, "{}", case.line());
+        }
         cases.push(case);
     }
     if cases.is_empty() {

@@ -8,10 +8,13 @@ use std::{
 use clap::{Args, ValueEnum};
 use render::{bsdf::Model, convention::Convention, image::Image};
 
-use super::{Failure, Outcome, print, stop_on_interrupt, units};
+use super::{Failure, Outcome, print, shown::ProgressArguments, stop_on_interrupt, units};
 use crate::{
+    capture,
+    files::lock::Lock,
     image_io::{EnvironmentOptions, Rows, read_environment, read_image},
     mesh_io::read_mesh,
+    progress::PictureDisplay,
     synthesize::{self, Occluders, Pattern, Scene, Shooting, SynthesizeError},
 };
 
@@ -74,6 +77,8 @@ pub(super) struct SynthesizeArguments {
     /// Seed of the noise.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
+    #[command(flatten)]
+    pub progress: ProgressArguments,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -85,8 +90,9 @@ pub(super) enum Bsdf {
 pub(super) fn run(
     arguments: &SynthesizeArguments,
     out: &mut dyn Write,
-    err: &mut dyn Write,
 ) -> Result<Outcome, Failure> {
+    let _lock = Lock::beside(&arguments.out).map_err(Failure::failed)?;
+    capture::vacant(&arguments.out).map_err(Failure::failed)?;
     let scene = Scene {
         mesh: read_mesh(&arguments.mesh).map_err(Failure::bad_input)?,
         environment: environment(&arguments.environment, arguments.convention)?,
@@ -114,19 +120,13 @@ pub(super) fn run(
         seed: arguments.seed,
     };
     let stop = stop_on_interrupt()?;
-    let err = std::cell::RefCell::new(err);
+    let display = PictureDisplay::new(shooting.frames, arguments.progress.style(false));
     let progress = |frame: usize| {
-        // Progress that cannot be shown is no reason to stop.
-        let _ = write!(
-            err.borrow_mut(),
-            "\rframe {}/{} ",
-            frame + 1,
-            shooting.frames
-        );
+        display.update(frame, 0.0);
         !stop.load(std::sync::atomic::Ordering::Relaxed)
     };
     let made = synthesize::synthesize(&scene, &shooting, progress);
-    let _ = writeln!(err.borrow_mut());
+    display.finish();
     let made = match made {
         Err(error @ SynthesizeError::Stopped) => {
             return Err(Failure {

@@ -10,12 +10,24 @@ use super::atomic::PREFIX;
 use crate::layout::{MATERIALS, OCCLUDERS, RENDERS};
 
 /// The file that is locked. It stays: only the lock on it means anything, and the system gives that back however a run ends.
-const NAME: &str = ".lock";
+pub(super) const NAME: &str = ".lock";
 
 /// The right to write to a folder, until it is dropped.
 #[derive(Debug)]
 pub struct Lock {
-    _file: File,
+    file: File,
+    /// Of a lock beside its folder: the file, which goes with the lock.
+    beside: Option<PathBuf>,
+}
+
+impl Drop for Lock {
+    fn drop(&mut self) {
+        if let Some(path) = &self.beside {
+            // Removed while it is still held: whoever waits finds that the file they opened is gone.
+            let _ = fs::remove_file(path);
+        }
+        let _ = self.file.unlock();
+    }
 }
 
 impl Lock {
@@ -26,7 +38,43 @@ impl Lock {
     /// # Errors
     /// [`LockError::Held`] when another run has it.
     pub fn acquire(folder: &Path) -> Result<Self, LockError> {
-        let path = folder.join(NAME);
+        let lock = Self::take(folder, folder.join(NAME))?;
+        sweep(folder).map_err(|source| LockError::Io {
+            path: folder.join(NAME),
+            source,
+        })?;
+        Ok(lock)
+    }
+
+    /// Takes the name of a folder that is not there yet, and whose parent is made: by a file beside it, which is removed at the
+    /// end.
+    ///
+    /// # Errors
+    /// As [`acquire`](Self::acquire).
+    pub fn beside(folder: &Path) -> Result<Self, LockError> {
+        let name = folder.file_name().unwrap_or_default().to_string_lossy();
+        let path = folder.with_file_name(format!(".{name}.lock"));
+        let failed = |source| LockError::Io {
+            path: path.clone(),
+            source,
+        };
+        if let Some(parent) = path
+            .parent()
+            .filter(|parent| !parent.as_os_str().is_empty())
+        {
+            fs::create_dir_all(parent).map_err(failed)?;
+        }
+        loop {
+            let mut lock = Self::take(folder, path.clone())?;
+            // The file that was opened may have been removed by its owner before it was locked.
+            if same(&lock.file, &path) {
+                lock.beside = Some(path);
+                return Ok(lock);
+            }
+        }
+    }
+
+    fn take(folder: &Path, path: PathBuf) -> Result<Self, LockError> {
         let failed = |source| LockError::Io {
             path: path.clone(),
             source,
@@ -58,9 +106,22 @@ impl Lock {
             file.write_all(owner.as_bytes())
         });
         named.map_err(failed)?;
-        sweep(folder).map_err(failed)?;
-        Ok(Self { _file: file })
+        Ok(Self { file, beside: None })
     }
+}
+
+/// Whether `path` names the file that was opened.
+#[cfg(unix)]
+fn same(file: &File, path: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    let number = |metadata: io::Result<fs::Metadata>| metadata.map(|m| (m.dev(), m.ino())).ok();
+    number(file.metadata()) == number(fs::metadata(path))
+}
+
+/// Elsewhere a file that is open cannot be removed.
+#[cfg(not(unix))]
+fn same(_file: &File, _path: &Path) -> bool {
+    true
 }
 
 /// Removes files that were being written, here and in the folders of a run's images.
@@ -125,6 +186,19 @@ mod tests {
         );
         drop(held);
         Lock::acquire(folder.path()).unwrap();
+    }
+
+    #[test]
+    fn a_name_has_one_writer_and_no_file_stays_beside_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("new/capture");
+        let held = Lock::beside(&path).unwrap();
+        let error = Lock::beside(&path).unwrap_err().to_string();
+        assert!(error.contains("another run"), "{error}");
+        drop(Lock::beside(&folder.path().join("new/other")).unwrap());
+        drop(held);
+        drop(Lock::beside(&path).unwrap());
+        assert_eq!(fs::read_dir(folder.path().join("new")).unwrap().count(), 0);
     }
 
     #[test]

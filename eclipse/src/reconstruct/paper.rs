@@ -43,6 +43,8 @@ use crate::{
 
 /// Seconds between checkpoints.
 const CHECKPOINT_SECONDS: f64 = 30.0;
+/// Seconds between looks at the light, for whoever watches.
+const LIGHT_SECONDS: f64 = 1.0;
 /// Iterations between points of the loss curve.
 const CURVE_EVERY: u64 = 20;
 
@@ -203,7 +205,7 @@ pub fn solve_planned(
         })
     };
     let most = plan::iterations(settings);
-    let mut saved = f64::NEG_INFINITY;
+    let (mut saved, mut shown) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
     let ended = loop {
         if control.stopped() {
             break Ended::Interrupted;
@@ -234,6 +236,12 @@ pub fn solve_planned(
             samples_per_second: rate,
             seconds: now,
         });
+        if let Some(show) = control.light
+            && now - shown >= LIGHT_SECONDS
+        {
+            show(&problem.radiance(&state));
+            shown = now;
+        }
         if now - saved >= CHECKPOINT_SECONDS {
             save(&state)?;
             saved = now;

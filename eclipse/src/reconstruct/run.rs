@@ -325,6 +325,10 @@ impl Run<'_> {
                 samples_per_second: rate,
             });
             self.report(name, step.cost, rate);
+            if let (Some(show), Ok(radiance)) = (self.control.light, step.at.radiance()) {
+                let grid = shared.grid;
+                show(&finish::environment(grid, &radiance, grid.rows));
+            }
             if let Err(error) = (self.control.checkpoint)(&self.state(place, step)) {
                 self.failed = Some(error);
                 return false;

@@ -67,9 +67,9 @@ pub(crate) fn tonemapped(image: &Image, exposure: f32) -> Image {
     map(image, rgb)
 }
 
-/// One channel of an image as grey, without a tone curve.
-pub(super) fn grey(image: &Image, channel: usize) -> Image {
-    map(image, |pixel| [pixel[channel].clamp(0.0, 1.0); 3])
+/// One channel of an image as grey, `white` shown white, without a tone curve.
+pub(super) fn grey(image: &Image, channel: usize, white: f32) -> Image {
+    map(image, |pixel| [(pixel[channel] / white).clamp(0.0, 1.0); 3])
 }
 
 /// The deviation of an environment's texels relative to their radiance, the mean over channels of each: black is sure, white
@@ -84,7 +84,7 @@ pub(super) fn doubt(environment: &Image, deviation: &Image) -> Image {
     {
         *out = deviation.iter().sum::<f32>() / light.iter().sum::<f32>().max(f32::MIN_POSITIVE);
     }
-    grey(&relative, 0)
+    grey(&relative, 0, 1.0)
 }
 
 /// Photograph minus render on pixels that the object covers: blue is too bright a render, red too dark.

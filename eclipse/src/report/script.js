@@ -13,6 +13,15 @@ if (slider) {
   slider.addEventListener("input", show);
   show();
 }
+// An edge between photograph and render.
+const edge = document.getElementById("edge");
+if (edge) {
+  const wipe = () => {
+    document.getElementById("frame-photograph").style.clipPath = `inset(0 ${100 - edge.value}% 0 0)`;
+  };
+  edge.addEventListener("input", wipe);
+  wipe();
+}
 // The environment is kept as radiance, so that any exposure can be looked at.
 const canvas = document.getElementById("environment");
 const exposure = document.getElementById("exposure");
@@ -39,20 +48,19 @@ document.getElementById("environment-still").hidden = true;
 canvas.hidden = false;
 // What is known of the direction under the pointer, in either map.
 const read = (event) => {
-  const { width, height } = canvas;
-  const clamp = (v, most) => Math.min(most - 1, Math.max(0, Math.floor(v)));
-  const column = clamp((event.offsetX / event.target.clientWidth) * width, width);
-  const row = clamp((event.offsetY / event.target.clientHeight) * height, height);
-  const azimuth = Math.round(180 - (360 * (column + 0.5)) / width);
-  const elevation = Math.round(90 - (180 * (row + 0.5)) / height);
-  const at = 3 * (row * width + column);
-  const values = ["R", "G", "B"].map((name, c) => {
-    const doubt = deviation ? ` ± ${deviation[at + c].toPrecision(2)}` : "";
-    return `${name} ${radiance[at + c].toPrecision(3)}${doubt}`;
+  const box = event.target.getBoundingClientRect();
+  const inside = (share, count) => Math.min(count - 1, Math.max(0, Math.floor(share * count)));
+  const column = inside((event.clientX - box.left) / box.width, canvas.width);
+  const row = inside((event.clientY - box.top) / box.height, canvas.height);
+  const azimuth = 180 - 360 * (column + 0.5) / canvas.width, elevation = 90 - 180 * (row + 0.5) / canvas.height;
+  const at = 3 * (row * canvas.width + column);
+  const rgb = [...radiance.subarray(at, at + 3)].map((v, c) => {
+    const doubt = deviation ? ` ± ${Number(deviation[at + c].toPrecision(2))}` : "";
+    return Number(v.toPrecision(3)) + doubt;
   });
   document.getElementById("texel").textContent =
-    `azimuth ${azimuth}°, elevation ${elevation}°: ${values.join(", ")}`;
+    `Azimuth ${azimuth.toFixed(0)}° from +x, elevation ${elevation.toFixed(0)}°: ${rgb.join(", ")}`;
 };
 for (const id of ["environment", "environment-sd"]) {
-  document.getElementById(id)?.addEventListener("mousemove", read);
+  document.getElementById(id)?.addEventListener("pointermove", read);
 }

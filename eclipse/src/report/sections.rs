@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 use super::{
     ReportOptions, chart, pictures,
     text::{duration, escaped, number, table},
+    viewer::{self, Viewer},
 };
 use crate::{
     capture::{Capture, Frame},
@@ -21,6 +22,8 @@ const PHOTOGRAPH_WHITE: f64 = 0.99;
 const ENVIRONMENT_WHITE: f64 = 0.95;
 /// The standard deviation of an albedo that is shown as white.
 const ALBEDO_DOUBT: f32 = 0.2;
+/// Reflectance at normal incidence that is shown white: that of sapphire, twice that of most things.
+const KAPPA_WHITE: f32 = 0.08;
 
 /// The reconstruction with what all parts of the page share.
 pub(super) struct Page<'a> {
@@ -30,6 +33,7 @@ pub(super) struct Page<'a> {
     photograph_exposure: f32,
     environment_exposure: f32,
     agreement: Agreement,
+    viewer: Option<Viewer>,
 }
 
 /// One frame's pictures by kind, as URIs.
@@ -72,6 +76,7 @@ impl<'a> Page<'a> {
             photograph_exposure,
             environment_exposure,
             agreement,
+            viewer: Viewer::new(capture, reconstruction),
         }
     }
 
@@ -183,7 +188,8 @@ impl<'a> Page<'a> {
             let materials = small(materials);
             displays.push(("albedo", pictures::tonemapped(&materials, 1.0)));
             if !solved.settings.lambertian && materials.channels == 5 {
-                displays.push(("alpha", pictures::grey(&materials, 3)));
+                displays.push(("alpha", pictures::grey(&materials, 3, 1.0)));
+                displays.push(("kappa", pictures::grey(&materials, 4, KAPPA_WHITE)));
             }
         }
         let doubt = solved.uncertainty.as_ref();
@@ -219,7 +225,6 @@ impl<'a> Page<'a> {
         let range = pictures::RESIDUAL_RANGE;
         let caption = |kind: &str| match kind {
             "photograph" => "Photograph".to_owned(),
-            "render" => "Render".to_owned(),
             "residual" => format!(
                 "Photograph − render, −{range} <span class=\"scale\" style=\"background:linear-gradient(90deg,#2166ab,#f5f5f5,#b2172b)\"></span> \
                  +{range} {unit}"
@@ -229,6 +234,7 @@ impl<'a> Page<'a> {
                 format!("Standard deviation of the albedo, white at {ALBEDO_DOUBT}")
             }
             "alpha" => "Roughness α, black 0 to white 1".to_owned(),
+            "kappa" => format!("Reflectance κ head-on, black 0 to white {KAPPA_WHITE}"),
             _ => "Light its occluder blocks (orange), over the environment".to_owned(),
         };
         let figure = |(kind, source): &(&str, String)| {
@@ -237,15 +243,42 @@ impl<'a> Page<'a> {
                 caption(kind)
             )
         };
-        let figures: String = first.pictures.iter().map(figure).collect();
+        let picture = |wanted: &str| first.pictures.iter().find(|(kind, _)| *kind == wanted);
+        // Both in one frame with an edge to move between them; a photograph without a render stands alone.
+        let both = picture("photograph").zip(picture("render"));
+        let wipe = both.map_or(String::new(), |((_, photograph), (_, render))| {
+            format!(
+                "<figure><div class=\"wipe\"><img id=\"frame-render\" src=\"{render}\" alt=\"render\"><img id=\"frame-photograph\" \
+                 src=\"{photograph}\" alt=\"photograph\"></div><input id=\"edge\" type=\"range\" min=\"0\" max=\"100\" value=\"50\" \
+                 aria-label=\"edge between photograph and render\"><figcaption>Photograph, left of the edge; render, right of it\
+                 </figcaption></figure>\n"
+            )
+        });
+        let alone = |kind: &str| both.is_none() || !matches!(kind, "photograph" | "render");
+        let rest = first.pictures.iter().filter(|(kind, _)| alone(kind));
+        let figures: String = rest.map(figure).collect();
         format!(
             "<section>\n<h2>Photographs, renders and what is left</h2>\n<p>A good fit leaves noise without structure. \
              Red: the photograph is brighter than the render; blue: darker.</p>\n<div class=\"control\"><label for=\"frame\">\
              Frame</label><input id=\"frame\" type=\"range\" min=\"0\" max=\"{last}\" value=\"0\"><output id=\"frame-name\" \
-             for=\"frame\">frame {name}</output></div>\n<div class=\"row\">\n{figures}</div>\n</section>\n",
+             for=\"frame\">frame {name}</output></div>\n<div class=\"row\">\n{wipe}{figures}</div>\n</section>\n",
             last = frames.len() - 1,
             name = escaped(&first.name),
         )
+    }
+
+    /// The object in other light; nothing where no materials were recovered.
+    pub(super) fn viewer_section(&self) -> String {
+        self.viewer
+            .as_ref()
+            .map_or_else(String::new, Viewer::section)
+    }
+
+    /// The script element of the viewer, where there is one.
+    pub(super) fn viewer_script(&self) -> String {
+        self.viewer.as_ref().map_or_else(String::new, |_| {
+            format!("<script>\n{}</script>\n", viewer::script())
+        })
     }
 
     /// The recovered light, with an exposure to look into its highlights and shadows.
@@ -262,7 +295,7 @@ impl<'a> Page<'a> {
              for=\"exposure\">0 stops</output></div>\n<figure class=\"wide\"><img id=\"environment-still\" src=\"{still}\" \
              alt=\"environment map\"><canvas id=\"environment\" width=\"{width}\" height=\"{height}\" hidden></canvas>\
              <figcaption>{width} × {height} texels, mean radiance {mean}</figcaption></figure>\n{doubt}\
-             <p><output id=\"texel\">Point at a direction to read its radiance.</output></p>\n</section>\n",
+             <p><output id=\"texel\">Point at a texel for its radiance.</output></p>\n</section>\n",
             width = environment.width,
             height = environment.height,
             mean = means(environment),
@@ -354,6 +387,7 @@ impl<'a> Page<'a> {
                 "exposure": self.environment_exposure,
                 "deviation": self.reconstruction.uncertainty.as_ref().map(|doubt| pictures::floats(&doubt.environment)),
             },
+            "object": self.viewer.as_ref().map(|viewer| viewer.data(self.photograph_exposure)),
         })
     }
 }

@@ -31,10 +31,7 @@ impl Structure for MoreNoise {
                 };
                 let mut stream = key.stream();
                 for value in pixel {
-                    let [u, v] = stream.uniform_2d();
-                    // Box and Muller; 1 − u is never 0.
-                    let normal = (-2.0 * (1.0 - u).ln()).sqrt() * (std::f32::consts::TAU * v).cos();
-                    *value += added * noise.sigma(f64::from(*value)) as f32 * normal;
+                    *value += added * noise.sigma(f64::from(*value)) as f32 * stream.normal();
                 }
             }
         }

@@ -6,6 +6,7 @@ use render::{
     bvh::Bvh,
     environment::LightDistribution,
     estimator::{Estimator, EstimatorOptions, RenderSample, Unknowns},
+    image::Image,
     lat_long::LatLong,
     loss::LossForm,
     path::{Lookup, PathBatch, PathScene, PathSettings, ShadingPoint},
@@ -241,16 +242,20 @@ impl<'a> Problem<'a> {
         (positions, PathBatch::sample(&scene, &points, &settings))
     }
 
+    /// The environment as it stands.
+    pub(super) fn radiance(&self, state: &State) -> Image {
+        radiance(&state.unknowns.environment, &self.options.pyramid)
+    }
+
     pub(super) fn solution(self, state: State, seconds: f64, ended: Ended) -> PaperSolution {
         let EstimatorOptions {
             model,
-            pyramid,
             mask_grid,
             degree,
             ..
         } = &self.options;
         PaperSolution {
-            environment: radiance(&state.unknowns.environment, pyramid),
+            environment: self.radiance(&state),
             masks: transmittance(&state.unknowns.occluders, *mask_grid, *degree),
             network: state.unknowns.network,
             model: *model,
