@@ -50,6 +50,7 @@
 //! # Guides
 //! - [`guide::detaching`]: what to detach, and the bias if you do not, measured.
 //! - [`guide::migration`]: idioms of Dr.Jit, JAX and PyTorch.
+//! - [`guide::speed`]: how fast it is, against what, and where the time goes.
 //! - The examples make pictures: a soft shadow, photometric stereo, a Monte Carlo volume.
 //!
 //! # How it runs

@@ -279,9 +279,11 @@ proptest! {
             PARAMS.iter().flat_map(|p| ws.gradient(p).unwrap().to_vec()).collect()
         };
         let (of_u, of_v, of_both) = (pull(&u), pull(&v), pull(&both));
-        let norm = of_u.iter().chain(&of_v).fold(1e-300f64, |norm, x| norm.max(x.abs()));
+        // Cotangents are near 1: where a gradient is exactly 0, the direction of a single number for one, rounding of them is left.
+        let norm = of_u.iter().chain(&of_v).fold(1e-3f64, |norm, x| norm.max(x.abs()));
         for ((u, v), both) in of_u.iter().zip(&of_v).zip(&of_both) {
-            prop_assert!((2.0 * u - 3.0 * v - both).abs() <= 1e-11 * norm);
+            let sum = 2.0 * u - 3.0 * v;
+            prop_assert!((sum - both).abs() <= 1e-11 * norm, "{sum} and {both} of {norm}");
         }
     }
 

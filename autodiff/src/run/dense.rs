@@ -11,6 +11,9 @@ use crate::buffer::Buffer;
 use crate::graph::NodeId;
 use crate::program::PullKind;
 
+/// Sums of a bias's adjoint that are added up side by side: each waits for its own last addition only.
+const TOGETHER: usize = 8;
+
 /// A dense layer on `xs` and `weights`; the flags: whether to overwrite, and to add the bias.
 pub(super) fn dense<R: Lane>(
     env: &Env<R>,
@@ -131,8 +134,19 @@ pub(super) fn dense_adjoint<R: Lane>(
         && env.live[bias]
         && let Some(at) = env.phase.pull(bias, PullKind::Weight, id)
     {
-        for (c, sum) in chunk.pull[at].as_mut_slice().iter_mut().enumerate() {
-            for x in &g[c * env.stride..c * env.stride + lanes.len] {
+        let (groups, rest) = chunk.pull[at].as_mut_slice().as_chunks_mut::<TOGETHER>();
+        let first = groups.len() * TOGETHER;
+        for (k, sums) in groups.iter_mut().enumerate() {
+            let row = |j: usize| &g[(k * TOGETHER + j) * env.stride..][..lanes.len];
+            let rows: [&[R]; TOGETHER] = std::array::from_fn(row);
+            for lane in 0..lanes.len {
+                for j in 0..TOGETHER {
+                    sums[j] = sums[j] + rows[j][lane];
+                }
+            }
+        }
+        for (c, sum) in rest.iter_mut().enumerate() {
+            for x in &g[(first + c) * env.stride..][..lanes.len] {
                 *sum = *sum + *x;
             }
         }

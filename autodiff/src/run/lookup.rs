@@ -35,7 +35,7 @@ pub(super) fn row_width(channels: usize, axis: usize) -> usize {
 
 const PADDED: usize = 4;
 /// Lanes looked up together.
-const GROUP: usize = 16;
+const GROUP: usize = 64;
 
 /// Brings a whole array into the order of a table.
 pub(super) fn interleave<R: Real>(
@@ -177,29 +177,26 @@ pub(super) fn gather_rows<R: Real>(table: &[R], rows: Rows, index: &[u32], block
     }
 }
 
+/// Rows first, side by side, then one channel after another: that way both loops are of vectors.
 #[inline(always)]
 fn gather_colors<R: Real>(table: &[R], pitch: usize, index: &[u32], block: &mut [R]) {
-    let n = index.len();
     let (red, rest) = block.split_at_mut(pitch);
     let (green, blue) = rest.split_at_mut(pitch);
     let (rows, _) = table.as_chunks::<PADDED>();
-    let (groups, rest) = index.as_chunks::<GROUP>();
-    for (k, group) in groups.iter().enumerate() {
-        let mut found = [[R::default(); PADDED]; GROUP];
-        for i in 0..GROUP {
-            found[i] = rows[group[i] as usize];
+    let mut found = [[R::default(); PADDED]; GROUP];
+    for (k, group) in index.chunks(GROUP).enumerate() {
+        let n = group.len();
+        for (row, &i) in found.iter_mut().zip(group) {
+            *row = rows[i as usize];
         }
-        let at = k * GROUP..(k + 1) * GROUP;
-        for (c, row) in [&mut *red, &mut *green, &mut *blue].into_iter().enumerate() {
-            let mut channel = [R::default(); GROUP];
-            for i in 0..GROUP {
-                channel[i] = found[i][c];
-            }
-            row[at.clone()].copy_from_slice(&channel);
+        let at = k * GROUP..k * GROUP + n;
+        let (red, green) = (&mut red[at.clone()], &mut green[at.clone()]);
+        let (blue, found) = (&mut blue[at], &found[..n]);
+        for i in 0..n {
+            red[i] = found[i][0];
+            green[i] = found[i][1];
+            blue[i] = found[i][2];
         }
-    }
-    for (i, &row) in (n - rest.len()..n).zip(rest) {
-        [red[i], green[i], blue[i], _] = rows[row as usize];
     }
 }
 

@@ -111,7 +111,6 @@ impl<R: Real> Product<'_, R> {
         }
         let width = padded / R::packs::<S>(&self.x[..padded]).0.len();
         let (first, len) = (k * width, T * width);
-        let x = |i: usize| &R::packs::<S>(&self.x[i * self.x_pitch + first..][..len]).0[..T];
         // A check of bounds for every element would take as long as the products.
         if self.matrix.columns == 1 {
             let mut w = [&self.matrix.data[..0]; N];
@@ -119,7 +118,7 @@ impl<R: Real> Product<'_, R> {
                 w[n] = &self.matrix.data[(row + n) * self.matrix.rows..][..self.inner];
             }
             for i in 0..self.inner {
-                let x = x(i);
+                let x = &R::packs::<S>(&self.x[i * self.x_pitch + first..][..len]).0[..T];
                 for n in 0..N {
                     let w = R::splat(simd, w[n][i]);
                     for t in 0..T {
@@ -129,7 +128,7 @@ impl<R: Real> Product<'_, R> {
             }
         } else {
             for i in 0..self.inner {
-                let x = x(i);
+                let x = &R::packs::<S>(&self.x[i * self.x_pitch + first..][..len]).0[..T];
                 let w = &self.matrix.data[row + i * self.matrix.columns..][..N];
                 for n in 0..N {
                     let w = R::splat(simd, w[n]);

@@ -238,8 +238,9 @@ struct Part {
     end: usize,
     /// Lanes of the segment before this part.
     phase: usize,
-    /// Lanes of the segment.
+    /// Lanes of the segment, and one over them.
     len: usize,
+    share: f64,
 }
 
 impl<'a> Parts<'a> {
@@ -270,6 +271,7 @@ impl<'a> Parts<'a> {
                 end: lanes.end - self.first,
                 phase: lanes.start - segment.start,
                 len: segment.len(),
+                share: 1.0 / segment.len() as f64,
             };
             self.count += 1;
         }
@@ -344,7 +346,7 @@ fn expand<R: Real>(spread: &Spread<R>, row: &mut Row<R>, parts: &Parts) {
     for part in parts.all() {
         let value = spread.adjoint[part.parent - spread.first];
         let value = match spread.mean {
-            true => value * R::from_f64(1.0 / part.len as f64),
+            true => value * R::from_f64(part.share),
             false => value,
         };
         put(row, part, value, spread.add);
@@ -384,7 +386,7 @@ fn accumulate<R: Real>(
             }
             total(partial)
         };
-        let mean = R::from_f64(1.0 / part.len as f64);
+        let mean = R::from_f64(part.share);
         let target = &mut sums[channel * parents + part.parent - span.parents.start];
         *target = *target + if sum.mean { total * mean } else { total };
     }
