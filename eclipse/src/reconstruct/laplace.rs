@@ -45,8 +45,6 @@ pub enum Part {
     All,
     /// What another draw of the photographs' noise would change.
     Noise,
-    /// What the photographs have taken from the prior's.
-    Gained,
 }
 
 impl Laplace {
@@ -115,6 +113,14 @@ impl Laplace {
         misfit: f64,
     ) -> Self {
         let k = basis.len();
+        if k == 0 {
+            return Self {
+                values: Vec::new(),
+                vectors: Vec::new(),
+                traits: Vec::new(),
+                rest: Vec::new(),
+            };
+        }
         let tridiagonal = DMatrix::from_fn(k, k, |i, j| match i.abs_diff(j) {
             0 => diagonal[i],
             1 => beside[i.min(j)],
@@ -143,7 +149,7 @@ impl Laplace {
 
     /// How many directions of z are known from the photographs rather than from the prior: Σ θ/(1 + θ).
     pub fn known(&self) -> f64 {
-        self.values.iter().map(|v| v / (1.0 + v)).sum()
+        self.gained().iter().sum()
     }
 
     /// What the squares of a linear function's values along the directions count in its variance.
@@ -151,9 +157,13 @@ impl Laplace {
         let weight = |value: &f64| match part {
             Part::All => 1.0 / (1.0 + value),
             Part::Noise => value / (1.0 + value).powi(2),
-            Part::Gained => value / (1.0 + value),
         };
         self.values.iter().map(weight).collect()
+    }
+
+    /// The same for what the data have taken from the prior's variance.
+    pub fn gained(&self) -> Vec<f64> {
+        self.values.iter().map(|v| v / (1.0 + v)).collect()
     }
 }
 

@@ -21,7 +21,8 @@ pub struct Posterior<'a> {
     radiance: Vec<f32>,
     prior: Vec<f64>,
     albedo: Vec<f32>,
-    albedo_variance: Vec<f64>,
+    /// Of each albedo, were the light known: by its data and prior, and the part of it that is noise.
+    albedo_variance: Vec<[f64; 2]>,
     occluders: std::ops::Range<usize>,
     /// Root mean square of the residuals, in units of what they were taken to be.
     pub misfit: f64,
@@ -83,12 +84,18 @@ impl<'a> Posterior<'a> {
             &traits,
             go_on,
         );
+        let own = projector.variances().iter().map(|variance| {
+            let tied = f64::from(shared.albedo_precision) * variance;
+            // Where there are no data there is the prior, whatever the misfit.
+            let all = (misfit * variance).min(1.0 / f64::from(shared.albedo_precision));
+            [all, misfit * variance * (1.0 - tied)]
+        });
         Ok(Self {
             laplace,
             radiance,
             prior: shared.prior_variances(z),
             albedo,
-            albedo_variance: projector.variances().iter().map(|v| v * misfit).collect(),
+            albedo_variance: own.collect(),
             occluders: shared.ranges()[1].clone(),
             misfit: misfit.sqrt(),
             at,
@@ -118,7 +125,7 @@ impl<'a> Posterior<'a> {
         let radiance = match part {
             // The prior's own variance is known exactly: what data took away from it is all that was found.
             Part::All => {
-                let gained = traits(laplace.weights(Part::Gained), 0..n);
+                let gained = traits(laplace.gained(), 0..n);
                 let left = traits(laplace.weights(Part::All), 0..n);
                 let gained = gained.into_iter().chain(std::iter::repeat(0.0));
                 let left = left.into_iter().chain(std::iter::repeat(0.0));
@@ -139,8 +146,11 @@ impl<'a> Posterior<'a> {
         );
         let moved = moved.into_iter().chain(std::iter::repeat(0.0));
         let albedo = self.albedo.iter().zip(&self.albedo_variance).zip(moved);
+        let of_part = usize::from(part == Part::Noise);
         let albedo = albedo
-            .map(|((value, own), moved)| ((own + moved).sqrt() / f64::from(value.max(1e-3))) as f32)
+            .map(|((value, own), moved)| {
+                ((own[of_part] + moved).max(0.0).sqrt() / f64::from(value.max(1e-3))) as f32
+            })
             .collect();
         let vectors = laplace.vectors.iter().zip(laplace.weights(part));
         let rest = laplace.rest.iter().map(|(z, _)| (z, rest_weight));

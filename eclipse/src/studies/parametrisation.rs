@@ -6,8 +6,7 @@ use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
     evidence::{Axis, Chart, Content, Figure, Series, listed},
-    small::Setup,
-    sweeps::STEPS,
+    small::{STEPS, Setup, settings},
 };
 use crate::{
     report::text::number,
@@ -42,11 +41,8 @@ impl Study for Parametrisation {
                     ..Setup::BASE
                 };
                 let trial = setup.trial("balls")?;
-                let defaults = bench.settings(&trial);
+                let defaults = settings(bench, &trial, seed);
                 let settings = Settings {
-                    time_limit: None,
-                    iterations: Some(STEPS),
-                    seed,
                     occluders: masks != Masks::None,
                     occluder_prior: match masks {
                         Masks::Harmonics(_) => OccluderPrior::None,

@@ -6,7 +6,7 @@ use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
     evidence::{Axis, Chart, Content, Figure, Picture, Series, listed, white},
-    small::{KAPPA, Setup},
+    small::{KAPPA, Setup, settings},
     trial::{Solved, Trial},
 };
 use crate::settings::Settings;
@@ -42,10 +42,8 @@ impl Study for Shiny {
                 };
                 let trial = setup.trial(&format!("balls of α {alpha}"))?;
                 let settings = Settings {
-                    time_limit: None,
                     iterations: Some(STEPS),
-                    seed,
-                    ..bench.settings(&trial)
+                    ..settings(bench, &trial, seed)
                 };
                 let words = format!("{}, seed {seed}", trial.name);
                 solved.push(bench.reconstructed(&trial, &words, &settings)?);

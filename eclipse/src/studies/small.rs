@@ -6,12 +6,13 @@ use std::{f32::consts::TAU, rc::Rc};
 use glam::Vec3;
 use render::{bsdf::Model, image::Image, lat_long::LatLong, mesh::Mesh, sampler::SampleKey};
 
-use super::{StudyError, trial::Trial};
+use super::{Bench, StudyError, trial::Trial};
 use crate::{
     evaluate::{
         Truth,
         materials::{Specular, TrueAlbedo},
     },
+    settings::Settings,
     synthesize::{Occluders, Pattern, Scene, Shooting, synthesize},
 };
 
@@ -53,7 +54,7 @@ impl Setup {
         lamp: 12.0,
         alpha: None,
         person: Some(1.0),
-        frames: 24,
+        frames: 16,
         resolution: 40,
         noise: 0.005,
         scene: 0,
@@ -110,6 +111,22 @@ impl Setup {
             truth,
             light,
         })
+    }
+}
+
+/// Steps of a reconstruction: the schedule's coarse stage, whose light has texels of 7°.
+pub(super) const STEPS: u64 = 24;
+/// Memory for each in bytes, which divides the surface of so small an object into a few hundred patches: seconds each.
+const MEMORY: u64 = 250 << 20;
+
+/// How small captures are reconstructed: the same on any machine.
+pub(super) fn settings(bench: &Bench<'_>, trial: &Trial, seed: u64) -> Settings {
+    Settings {
+        time_limit: None,
+        iterations: Some(STEPS),
+        memory: MEMORY,
+        seed,
+        ..bench.settings(trial)
     }
 }
 

@@ -6,12 +6,10 @@ use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
     evidence::{Axis, Chart, Content, Figure, Series},
-    small::Setup,
+    small::{STEPS, Setup, settings},
 };
 use crate::{report::text::number, settings::Settings};
 
-/// Steps of a reconstruction: the schedule's coarse stage, whose light has texels of 7°.
-pub(super) const STEPS: u64 = 24;
 /// Seeds of scene, noise and solver together.
 const SEEDS: [u64; 2] = [1, 3];
 
@@ -86,7 +84,7 @@ fn sweeps(bench: &Bench<'_>) -> Vec<Sweep> {
             "images",
             "photographs",
             false,
-            [&[8.0, 24.0, 48.0], &[4.0, 8.0, 16.0, 24.0, 48.0, 96.0]],
+            [&[8.0, 16.0, 32.0], &[4.0, 8.0, 16.0, 32.0, 64.0, 96.0]],
             &|frames| Setup {
                 frames: frames as usize,
                 ..base
@@ -129,11 +127,8 @@ impl Found {
             for (error, setup) in pair.iter_mut().zip([seeded, nobody]) {
                 let trial = setup.trial("balls")?;
                 let settings = Settings {
-                    time_limit: None,
-                    iterations: Some(STEPS),
-                    seed,
                     occluders: setup.person.is_some(),
-                    ..bench.settings(&trial)
+                    ..settings(bench, &trial, seed)
                 };
                 let solved = bench.reconstructed(&trial, &format!("{setup:?}"), &settings)?;
                 let score = solved.scores.environment.texels;

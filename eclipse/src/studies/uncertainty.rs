@@ -7,11 +7,10 @@ use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
     evidence::{Axis, Chart, Content, Figure, Picture, Series, Tone},
-    small::Setup,
-    sweeps::STEPS,
+    small::{STEPS, Setup, settings},
     trial::{Solved, Trial},
 };
-use crate::{report::text::number, settings::Settings};
+use crate::report::text::number;
 
 /// Draws of noise, and seeds of the solver with them.
 const DRAWS: [u64; 2] = [5, 12];
@@ -37,12 +36,7 @@ impl Study for Uncertain {
                 ..Setup::BASE
             }
             .trial("balls")?;
-            let settings = Settings {
-                time_limit: None,
-                iterations: Some(STEPS),
-                seed,
-                ..bench.settings(&trial)
-            };
+            let settings = settings(bench, &trial, seed);
             let solved = bench.reconstructed(&trial, &format!("draw {seed}"), &settings)?;
             draws.push(Draw::new(&trial, &solved)?);
             light = Some(trial.light.clone());
