@@ -162,6 +162,7 @@ pub fn synthesize(
         occluders.extend(mask);
     }
     let capture = Capture {
+        lamps: None,
         path: Default::default(),
         frames,
         mesh,

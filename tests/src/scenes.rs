@@ -10,22 +10,7 @@ use render::mesh::Mesh;
 
 /// Appends a sphere of `rows` × 2 `rows` quadrilaterals with exact normals.
 pub fn add_sphere(mesh: &mut Mesh, centre: Vec3, radius: f32, rows: u32) {
-    let columns = 2 * rows;
-    let start = mesh.positions.len() as u32;
-    for r in 0..=rows {
-        for c in 0..columns {
-            let d = LatLong::direction(c as f32 / columns as f32, r as f32 / rows as f32);
-            mesh.positions.push(centre + radius * d);
-            mesh.normals.push(d);
-        }
-    }
-    let at = |r: u32, c: u32| start + r * columns + c % columns;
-    for r in 0..rows {
-        for c in 0..columns {
-            mesh.faces.push([at(r, c), at(r + 1, c), at(r + 1, c + 1)]);
-            mesh.faces.push([at(r, c), at(r + 1, c + 1), at(r, c + 1)]);
-        }
-    }
+    mesh.append(&Mesh::sphere(centre, radius, rows));
 }
 
 /// A convex object: it casts no shadow on its own lit side.
