@@ -108,6 +108,7 @@ fn photographed(frames: usize) -> Capture {
         frames: (0..frames).into_par_iter().map(photograph).collect(),
         mesh,
         centre: Vec3::ZERO,
+        lamps: None,
     }
 }
 

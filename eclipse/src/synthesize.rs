@@ -163,6 +163,7 @@ pub fn synthesize(
         occluders.extend(mask);
     }
     let capture = Capture {
+        lamps: None,
         path: Default::default(),
         frames,
         mesh,

@@ -1,8 +1,8 @@
-//! Perspective cameras with OpenCV distortion.
+//! Perspective cameras with OpenCV distortion, and orthographic ones.
 
 use glam::{Mat4, Vec2, Vec3};
 
-/// A pinhole camera, OpenGL axes (+x right, +y up, looking along −z), with OpenCV lens distortion.
+/// A camera, OpenGL axes (+x right, +y up, looking along −z): a pinhole with OpenCV lens distortion, or orthographic.
 ///
 /// Pixel (i, j) covers [i, i+1] × [j, j+1], j counted from the top.
 #[derive(Clone, Debug, PartialEq)]
@@ -11,7 +11,9 @@ pub struct Camera {
     pub width: usize,
     /// Pixels down.
     pub height: usize,
-    /// Focal lengths in pixels.
+    /// How points come onto the image.
+    pub projection: Projection,
+    /// Focal lengths in pixels; of an orthographic camera the pixels that a unit of length takes.
     pub focal: [f32; 2],
     /// Principal point in pixels, pixel corners at integers.
     pub principal: [f32; 2],
@@ -19,6 +21,16 @@ pub struct Camera {
     pub distortion: [f32; 4],
     /// Camera-to-world transform, rigid.
     pub world_from_camera: Mat4,
+}
+
+/// How points come onto the image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Projection {
+    /// Through the centre of projection.
+    #[default]
+    Perspective,
+    /// Along the viewing direction, from however far.
+    Orthographic,
 }
 
 /// A half line.
@@ -37,6 +49,7 @@ impl Camera {
         Self {
             width,
             height,
+            projection: Projection::Perspective,
             focal: [focal; 2],
             principal: [0.5 * width as f32, 0.5 * height as f32],
             distortion: [0.0; 4],
@@ -69,7 +82,7 @@ impl Camera {
         )
     }
 
-    /// The centre of projection in the world.
+    /// The centre of projection in the world; of an orthographic camera the place that its rays start beside.
     pub fn centre(&self) -> Vec3 {
         self.world_from_camera.w_axis.truncate()
     }
@@ -87,10 +100,33 @@ impl Camera {
             (y - self.principal[1]) / self.focal[1],
         );
         let ideal = self.undistort(distorted);
-        let local = Vec3::new(ideal.x, -ideal.y, -1.0);
-        Ray {
-            origin: self.centre(),
-            direction: self.world_from_camera.transform_vector3(local).normalize(),
+        let [right, up] = [ideal.x, -ideal.y];
+        let world = |local: Vec3| self.world_from_camera.transform_vector3(local);
+        match self.projection {
+            Projection::Perspective => Ray {
+                origin: self.centre(),
+                direction: world(Vec3::new(right, up, -1.0)).normalize(),
+            },
+            Projection::Orthographic => Ray {
+                origin: self.centre() + world(Vec3::new(right, up, 0.0)),
+                direction: world(Vec3::NEG_Z).normalize(),
+            },
+        }
+    }
+
+    /// The unit direction from a world point to the camera.
+    pub fn direction_from(&self, point: Vec3) -> Vec3 {
+        match self.projection {
+            Projection::Perspective => (self.centre() - point).normalize(),
+            Projection::Orthographic => self.world_from_camera.z_axis.truncate(),
+        }
+    }
+
+    /// The side of a pixel at a world point that faces the camera, in units of length.
+    pub fn footprint(&self, point: Vec3) -> f32 {
+        match self.projection {
+            Projection::Perspective => self.centre().distance(point) / self.focal[0],
+            Projection::Orthographic => 1.0 / self.focal[0],
         }
     }
 
@@ -104,7 +140,11 @@ impl Camera {
         }
         let right = offset.dot(axes.x_axis.truncate());
         let down = -offset.dot(axes.y_axis.truncate());
-        let d = self.distort(Vec2::new(right, down) / depth).0;
+        let scale = match self.projection {
+            Projection::Perspective => depth,
+            Projection::Orthographic => 1.0,
+        };
+        let d = self.distort(Vec2::new(right, down) / scale).0;
         Some([
             d.x * self.focal[0] + self.principal[0],
             d.y * self.focal[1] + self.principal[1],
@@ -183,6 +223,35 @@ mod tests {
                 "{x} {y} -> {x2} {y2}"
             );
             assert!(camera.project(ray.origin - ray.direction).is_none());
+        }
+    }
+
+    #[test]
+    fn orthographic_rays_are_parallel_and_lead_back() {
+        let camera = Camera {
+            projection: Projection::Orthographic,
+            distortion: [0.0; 4],
+            ..camera()
+        };
+        let toward = camera.direction_from(Vec3::ONE);
+        for (x, y) in [(0.0, 0.0), (64.5, 60.2), (127.9, 3.3)] {
+            let ray = camera.ray(x, y);
+            assert!((ray.direction + toward).length() < 1e-6);
+            let [x2, y2] = camera.project(ray.origin + 2.7 * ray.direction).unwrap();
+            assert!((x - x2).abs() < 2e-3 && (y - y2).abs() < 2e-3);
+        }
+        // A unit of length across takes as many pixels however far away.
+        let [right, up] = [
+            camera.world_from_camera.x_axis,
+            camera.world_from_camera.y_axis,
+        ];
+        for depth in [1.0, 9.0] {
+            let at = camera.centre() - depth * toward;
+            let [x0, y0] = camera.project(at).unwrap();
+            let [x1, _] = camera.project(at + right.truncate()).unwrap();
+            let [_, y1] = camera.project(at + up.truncate()).unwrap();
+            assert!((x1 - x0 - 140.0).abs() < 1e-2 && (y0 - y1 - 150.0).abs() < 1e-2);
+            assert_eq!(camera.footprint(at), 1.0 / 140.0);
         }
     }
 

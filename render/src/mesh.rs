@@ -3,6 +3,8 @@
 use glam::{Vec2, Vec3};
 use thiserror::Error;
 
+use crate::lat_long::LatLong;
+
 /// An indexed triangle mesh in the world's frame (right-handed, z up).
 #[derive(Clone, Debug, Default)]
 pub struct Mesh {
@@ -99,6 +101,46 @@ impl Mesh {
             }
         }
         Ok(())
+    }
+
+    /// A ball of `rows` × 2 `rows` quadrilaterals (triangles at the poles, ±z) with exact normals; its vertices lie on the ball.
+    pub fn sphere(centre: Vec3, radius: f32, rows: u32) -> Self {
+        let columns = 2 * rows;
+        let mut mesh = Self::default();
+        for r in 0..=rows {
+            for c in 0..columns {
+                let normal = LatLong::direction(c as f32 / columns as f32, r as f32 / rows as f32);
+                mesh.positions.push(centre + radius * normal);
+                mesh.normals.push(normal);
+            }
+        }
+        let at = |r: u32, c: u32| r * columns + c % columns;
+        for r in 0..rows {
+            for c in 0..columns {
+                if r + 1 < rows {
+                    mesh.faces.push([at(r, c), at(r + 1, c), at(r + 1, c + 1)]);
+                }
+                if r > 0 {
+                    mesh.faces.push([at(r, c), at(r + 1, c + 1), at(r, c + 1)]);
+                }
+            }
+        }
+        mesh
+    }
+
+    /// Appends another mesh; texture coordinates are kept only where both have them.
+    pub fn append(&mut self, other: &Self) {
+        let textured = self.positions.is_empty() || !self.uvs.is_empty();
+        let start = self.positions.len() as u32;
+        self.positions.extend(&other.positions);
+        self.normals.extend(&other.normals);
+        if textured && !other.uvs.is_empty() {
+            self.uvs.extend(&other.uvs);
+        } else {
+            self.uvs.clear();
+        }
+        let faces = other.faces.iter().map(|face| face.map(|i| start + i));
+        self.faces.extend(faces);
     }
 
     /// The corners of the axis-aligned bounding box: least and greatest coordinates (zero for an empty mesh).

@@ -2,6 +2,7 @@
 
 pub mod browser;
 pub mod colmap_model;
+pub mod lit_ball;
 pub mod perfect;
 pub mod program;
 pub mod scenes;

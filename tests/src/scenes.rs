@@ -1,6 +1,5 @@
 //! Small scenes with known answers.
 
-pub use eclipse::studies::small::add_sphere;
 use glam::Vec3;
 use render::bvh::Bvh;
 use render::camera::Camera;
@@ -8,6 +7,11 @@ use render::environment::EnvironmentMap;
 use render::image::Image;
 use render::lat_long::LatLong;
 use render::mesh::Mesh;
+
+/// Appends a sphere of `rows` × 2 `rows` quadrilaterals with exact normals.
+pub fn add_sphere(mesh: &mut Mesh, centre: Vec3, radius: f32, rows: u32) {
+    mesh.append(&Mesh::sphere(centre, radius, rows));
+}
 
 /// A convex object: it casts no shadow on its own lit side.
 pub fn sphere() -> Bvh {

@@ -51,6 +51,7 @@ pub fn small_capture(centre: Vec3) -> Capture {
         }
     });
     Capture {
+        lamps: None,
         path: "small".into(),
         frames: frames.collect(),
         mesh,

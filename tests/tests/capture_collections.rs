@@ -1,4 +1,4 @@
-//! Loads every capture below the folder named by `ECLIPSE_CAPTURES`, where one is named.
+//! Loads every capture below the folder named by `ECLIPSE_CAPTURES`, where one is named. Real photographs are such a folder.
 
 use std::path::{Path, PathBuf};
 

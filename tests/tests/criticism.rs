@@ -73,6 +73,7 @@ fn capture(ceiling: f32) -> Capture {
         }
     });
     Capture {
+        lamps: None,
         path: "heap".into(),
         frames: frames.collect(),
         mesh,

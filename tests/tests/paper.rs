@@ -363,6 +363,7 @@ fn capture() -> (Capture, Bvh) {
         }
     });
     let capture = Capture {
+        lamps: None,
         path: "pair".into(),
         frames: frames.collect(),
         mesh: bvh.mesh().clone(),

@@ -33,7 +33,7 @@ pub fn read_cameras(
     for frame in &transforms.frames {
         let name = &frame.file_path;
         let intrinsics = frame.intrinsics.or(&transforms.intrinsics);
-        let pose = rigid_pose(name, &frame.transform_matrix)?;
+        let pose = rigid_pose(name, transforms.pose_of(frame))?;
         let own = match declared_size(name, &intrinsics)? {
             [Some(width), Some(height)] => [width, height],
             _ if folder.has_image(name) => {
@@ -52,7 +52,7 @@ pub fn read_cameras(
                     .to_owned(),
             })?,
         };
-        let camera = camera(name, &intrinsics, own, pose)?;
+        let camera = camera(name, transforms.projection(), &intrinsics, own, pose)?;
         let camera = match size {
             None => camera,
             Some(size) => resized(name, camera, size)?,

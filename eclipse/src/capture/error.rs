@@ -48,12 +48,30 @@ pub enum CaptureError {
     /// A kind of camera that is not supported.
     #[error(
         "{}: `camera_model` is {model:?}, which is not supported yet; expected a perspective camera (PINHOLE, OPENCV, \
-         SIMPLE_RADIAL or RADIAL): undistort the images to one of them", path.display()
+         SIMPLE_RADIAL or RADIAL) or ORTHOGRAPHIC: undistort the images to one of them", path.display()
     )]
     CameraModel { path: PathBuf, model: String },
     /// No photographs.
     #[error("{}: `frames` is empty; expected at least one photograph", path.display())]
     NoFrames { path: PathBuf },
+    /// `shape` is no shape.
+    #[error("{}: `shape.sphere.{field}` {problem}", path.display())]
+    Shape {
+        path: PathBuf,
+        field: &'static str,
+        problem: String,
+    },
+    /// Lamps in some frames only.
+    #[error(
+        "frame {frame:?}: `lamp` is missing, but other frames have one; give each frame the lamp it was taken by, or none, where the light is unknown"
+    )]
+    LampMissing { frame: String },
+    /// Parallel views under unknown light.
+    #[error(
+        "{}: `camera_model` is ORTHOGRAPHIC and the frames have no `lamp`; orthographic cameras are supported where the light is known: \
+         give each frame its `lamp` (`direction`, `strength`), or use a perspective camera of a long focal length", path.display()
+    )]
+    OrthographicLight { path: PathBuf },
     /// Two entries for one photograph.
     #[error("{}: `frames` names {file_path:?} twice; remove or rename one of the two", path.display())]
     DuplicateFrame { path: PathBuf, file_path: String },

@@ -45,7 +45,7 @@ fn load_frame(
     encoding: Option<ColorEncoding>,
 ) -> Result<Frame, CaptureError> {
     let intrinsics = entry.intrinsics.or(&transforms.intrinsics);
-    let pose = rigid_pose(&name, &entry.transform_matrix)?;
+    let pose = rigid_pose(&name, transforms.pose_of(entry))?;
     let declared = declared_size(&name, &intrinsics)?;
     let path = folder.image(&name, "file_path", &entry.file_path)?;
     let decode = |path: &Path, encoding| {
@@ -61,7 +61,7 @@ fn load_frame(
         declared[1].unwrap_or(size[1]),
     ];
     check_size(&name, &path, size, "`w` and `h` say", wanted)?;
-    let camera = camera(&name, &intrinsics, size, pose)?;
+    let camera = camera(&name, transforms.projection(), &intrinsics, size, pose)?;
     check_finite(&name, &path, &image)?;
     let (mask, mask_path) = match &entry.mask_path {
         Some(mask_path) => {

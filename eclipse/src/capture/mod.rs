@@ -7,6 +7,7 @@ mod cameras;
 mod error;
 pub mod formats;
 mod frames;
+mod lamps;
 mod paths;
 mod pose;
 mod silhouette;
@@ -21,6 +22,7 @@ use render::{camera::Camera, image::Image, mesh::Mesh};
 pub use cameras::read_cameras;
 pub use error::CaptureError;
 pub use formats::Source;
+pub use lamps::{Lamp, Lamps};
 pub use silhouette::{Diagnosis, mask_overlap};
 pub use transforms::parse_transforms;
 pub(crate) use write::vacant;
@@ -39,6 +41,8 @@ pub struct Capture {
     pub mesh: Mesh,
     /// Where the recentred frame's origin lies in the capture's own frame: own = recentred + centre.
     pub centre: Vec3,
+    /// The lamps, where the light is known.
+    pub lamps: Option<Lamps>,
 }
 
 /// One photograph with its camera.
@@ -100,9 +104,20 @@ impl Capture {
             transforms,
             ..
         } = formats::read(&folder)?;
-        let mut mesh = read_mesh(&folder.mesh(options.mesh.as_deref(), &transforms)?)?;
+        // A shape that is told in words of its own is what is meant, unless the user names a mesh.
+        let shape = transforms.shape.as_ref().filter(|_| options.mesh.is_none());
+        let mut mesh = match shape {
+            Some(shape) => lamps::mesh_of(shape, &described)?,
+            None => read_mesh(&folder.mesh(options.mesh.as_deref(), &transforms)?)?,
+        };
         let encoding = options.color_encoding.or(transforms.color_encoding);
         let mut frames = frames::load(&folder, &described, &transforms, encoding)?;
+
+        let names = frames.iter().map(|frame| &*frame.name);
+        let lamps = lamps::lamps(&described, &transforms, names)?.map(|lamps| Lamps {
+            lamps,
+            ball: shape.is_some(),
+        });
 
         let [low, high] = mesh.bounds();
         let centre = 0.5 * low + 0.5 * high;
@@ -112,12 +127,14 @@ impl Capture {
         for frame in &mut frames {
             frame.camera.world_from_camera.w_axis -= centre.extend(0.0);
         }
-        let capture = Self {
+        let mut capture = Self {
             path: path.into(),
             frames,
             mesh,
             centre,
+            lamps,
         };
+        capture.stand_off();
         capture.check_distances(&transforms, options)?;
         silhouette::check(&capture, &transforms, options.min_overlap)?;
         Ok(capture)

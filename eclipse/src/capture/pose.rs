@@ -1,7 +1,7 @@
 //! From the fields of a frame to a checked camera.
 
 use glam::{DMat3, DMat4, DVec3, Mat4};
-use render::camera::Camera;
+use render::camera::{Camera, Projection};
 
 use super::{CaptureError, transforms::Intrinsics};
 
@@ -94,6 +94,7 @@ pub(super) fn declared_size(
 /// The camera of a frame of `width` × `height` pixels, `pose` being rigid.
 pub(super) fn camera(
     frame: &str,
+    projection: Projection,
     intrinsics: &Intrinsics,
     [width, height]: [usize; 2],
     pose: DMat4,
@@ -103,41 +104,12 @@ pub(super) fn camera(
         field,
         problem,
     };
-    let length = |field, value: Option<f64>| match value {
-        Some(value) if value <= 0.0 => Err(fail(
-            field,
-            format!("is {value}; expected a positive focal length in pixels"),
-        )),
-        value => Ok(value),
-    };
-    let from_angle = |field, angle: Option<f64>, size: usize| match angle {
-        Some(angle) if angle <= 0.0 || angle >= std::f64::consts::PI => Err(fail(
-            field,
-            format!("is {angle}; expected an angle of view between 0 and π, in radians"),
-        )),
-        angle => Ok(angle.map(|angle| 0.5 * size as f64 / (0.5 * angle).tan())),
-    };
     let i = intrinsics;
-    let focal_x =
-        length("fl_x", i.fl_x)?.or(from_angle("camera_angle_x", i.camera_angle_x, width)?);
-    let focal_y =
-        length("fl_y", i.fl_y)?.or(from_angle("camera_angle_y", i.camera_angle_y, height)?);
-    let Some(focal_x) = focal_x.or(focal_y) else {
-        return Err(fail(
-            "camera_angle_x",
-            "is missing, and fl_x too; expected one of them, shared or in the frame".into(),
-        ));
-    };
-    let focal = [focal_x, focal_y.unwrap_or(focal_x)].map(|value| value as f32);
-    if focal
-        .iter()
-        .any(|value| !value.is_finite() || *value <= 0.0)
-    {
-        return Err(fail(
-            "camera_angle_x",
-            format!("gives the focal lengths {focal:?}, which no camera has"),
-        ));
+    let focal = match projection {
+        Projection::Perspective => focal_lengths(i, [width, height]),
+        Projection::Orthographic => magnification(i),
     }
+    .map_err(|(field, problem)| fail(field, problem))?;
     for (field, value) in [("k3", i.k3), ("k4", i.k4)] {
         if value.is_some_and(|value| value != 0.0) {
             return Err(fail(field, "is not zero, which is not supported; undistort the images, or fit k1 k2 p1 p2 only".into()));
@@ -162,9 +134,71 @@ pub(super) fn camera(
     Ok(Camera {
         width,
         height,
+        projection,
         focal,
         principal,
         distortion,
         world_from_camera: Mat4::from_cols_array(&pose.to_cols_array().map(|v| v as f32)),
     })
+}
+
+/// Focal lengths in pixels, or the field that does not give them and why.
+fn focal_lengths(
+    i: &Intrinsics,
+    [width, height]: [usize; 2],
+) -> Result<[f32; 2], (&'static str, String)> {
+    let length = |field, value: Option<f64>| match value {
+        Some(value) if value <= 0.0 => Err((
+            field,
+            format!("is {value}; expected a positive focal length in pixels"),
+        )),
+        value => Ok(value),
+    };
+    let from_angle = |field, angle: Option<f64>, size: usize| match angle {
+        Some(angle) if angle <= 0.0 || angle >= std::f64::consts::PI => Err((
+            field,
+            format!("is {angle}; expected an angle of view between 0 and π, in radians"),
+        )),
+        angle => Ok(angle.map(|angle| 0.5 * size as f64 / (0.5 * angle).tan())),
+    };
+    let focal_x =
+        length("fl_x", i.fl_x)?.or(from_angle("camera_angle_x", i.camera_angle_x, width)?);
+    let focal_y =
+        length("fl_y", i.fl_y)?.or(from_angle("camera_angle_y", i.camera_angle_y, height)?);
+    let Some(focal_x) = focal_x.or(focal_y) else {
+        return Err((
+            "camera_angle_x",
+            "is missing, and fl_x too; expected one of them, shared or in the frame".into(),
+        ));
+    };
+    let focal = [focal_x, focal_y.unwrap_or(focal_x)].map(|value| value as f32);
+    if focal
+        .iter()
+        .any(|value| !value.is_finite() || *value <= 0.0)
+    {
+        return Err((
+            "camera_angle_x",
+            format!("gives the focal lengths {focal:?}, which no camera has"),
+        ));
+    }
+    Ok(focal)
+}
+
+/// The pixels that a unit of length takes in an orthographic camera's image.
+fn magnification(i: &Intrinsics) -> Result<[f32; 2], (&'static str, String)> {
+    const FIELD: &str = "pixels_per_unit";
+    let Some(value) = i.pixels_per_unit else {
+        return Err((
+            FIELD,
+            "is missing; an orthographic camera needs it, shared or in the frame: the pixels that a unit of length takes".into(),
+        ));
+    };
+    let single = value as f32;
+    if !(single.is_finite() && single > 0.0) {
+        return Err((
+            FIELD,
+            format!("is {value}; expected a positive number of pixels"),
+        ));
+    }
+    Ok([single; 2])
 }

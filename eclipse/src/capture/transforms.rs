@@ -5,11 +5,14 @@
 
 use std::path::Path;
 
+use render::camera::Projection;
 use serde::Deserialize;
 
 use super::CaptureError;
 use crate::image_io::ColorEncoding;
 
+/// The camera model without perspective.
+const ORTHOGRAPHIC: &str = "ORTHOGRAPHIC";
 /// Largest `transforms.json` that is read, in bytes.
 pub const MAX_TRANSFORMS: u64 = 1 << 27;
 
@@ -17,13 +20,18 @@ pub const MAX_TRANSFORMS: u64 = 1 << 27;
 #[derive(Clone, Debug, Default, Deserialize)]
 #[non_exhaustive]
 pub struct Transforms {
-    /// Kind of camera; only perspective ones with OpenCV distortion are supported.
+    /// Kind of camera: perspective ones with OpenCV distortion, or `ORTHOGRAPHIC`.
     pub camera_model: Option<String>,
     /// Intrinsics shared by the frames that do not have their own.
     #[serde(flatten)]
     pub intrinsics: Intrinsics,
     /// How colours are stored, where it differs from the file type's habit. A field of ours.
     pub color_encoding: Option<ColorEncoding>,
+    /// Rows of the camera-to-world matrix of the frames that do not have their own.
+    #[serde(default)]
+    pub transform_matrix: Vec<Vec<f64>>,
+    /// The object where it is no mesh. A field of ours.
+    pub shape: Option<Shape>,
     /// The object, relative to the capture's folder. nerfstudio keeps its sparse points here.
     pub ply_file_path: Option<String>,
     /// Rows of the 3 × 4 or 4 × 4 transform that nerfstudio applied to the original poses.
@@ -51,9 +59,39 @@ pub struct TransformsFrame {
     /// Rows of the camera-to-world matrix, 4 × 4 or 3 × 4.
     #[serde(default)]
     pub transform_matrix: Vec<Vec<f64>>,
+    /// The only lamp that was on, where the light is known. A field of ours.
+    pub lamp: Option<TransformsLamp>,
     /// Intrinsics of this frame alone.
     #[serde(flatten)]
     pub intrinsics: Intrinsics,
+}
+
+/// The object as a formula.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Shape {
+    /// A ball.
+    pub sphere: SphereShape,
+}
+
+/// A ball.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SphereShape {
+    /// Its middle.
+    pub centre: Vec<f64>,
+    /// Its radius.
+    pub radius: f64,
+}
+
+/// A lamp so far away that its light is the same everywhere.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TransformsLamp {
+    /// Unit vector from the object to the lamp.
+    pub direction: Vec<f64>,
+    /// What a white surface that faces it reflects, linear RGB; 1 where it is not given.
+    pub strength: Option<Vec<f64>>,
 }
 
 /// Camera intrinsics in pixels (pixel corners at integers) or as angles of view in radians.
@@ -68,6 +106,8 @@ pub struct Intrinsics {
     pub cy: Option<f64>,
     pub w: Option<f64>,
     pub h: Option<f64>,
+    /// What a unit of length takes in the image of an orthographic camera.
+    pub pixels_per_unit: Option<f64>,
     pub k1: Option<f64>,
     pub k2: Option<f64>,
     pub k3: Option<f64>,
@@ -91,6 +131,7 @@ pub fn parse_transforms(bytes: &[u8], path: &Path) -> Result<Transforms, Capture
             "SIMPLE_RADIAL",
             "RADIAL",
             "PERSPECTIVE",
+            ORTHOGRAPHIC,
         ];
         if !known.contains(&model.as_str()) {
             return Err(CaptureError::CameraModel {
@@ -103,6 +144,26 @@ pub fn parse_transforms(bytes: &[u8], path: &Path) -> Result<Transforms, Capture
         return Err(CaptureError::NoFrames { path: path.into() });
     }
     Ok(transforms)
+}
+
+impl Transforms {
+    /// How its cameras project.
+    pub fn projection(&self) -> Projection {
+        if self.camera_model.as_deref() == Some(ORTHOGRAPHIC) {
+            Projection::Orthographic
+        } else {
+            Projection::Perspective
+        }
+    }
+
+    /// The rows of a frame's camera-to-world matrix: its own, or those that all share.
+    pub fn pose_of<'a>(&'a self, frame: &'a TransformsFrame) -> &'a [Vec<f64>] {
+        if frame.transform_matrix.is_empty() {
+            &self.transform_matrix
+        } else {
+            &frame.transform_matrix
+        }
+    }
 }
 
 impl Intrinsics {
@@ -121,6 +182,7 @@ impl Intrinsics {
             cy: self.cy.or(shared.cy),
             w: self.w.or(shared.w),
             h: self.h.or(shared.h),
+            pixels_per_unit: self.pixels_per_unit.or(shared.pixels_per_unit),
             k1: self.k1.or(shared.k1),
             k2: self.k2.or(shared.k2),
             k3: self.k3.or(shared.k3),

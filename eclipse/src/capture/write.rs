@@ -2,7 +2,10 @@
 
 use std::{fs, io, path::Path};
 
-use render::{camera::Camera, image::Image};
+use render::{
+    camera::{Camera, Projection},
+    image::Image,
+};
 use serde_json::{Value, json};
 
 use super::{Capture, CaptureError, Frame};
@@ -137,13 +140,38 @@ fn transforms(capture: &Capture) -> Value {
             entry["transform_matrix"] = json!(rows);
             entry
         });
+    let lamps = capture
+        .lamps
+        .iter()
+        .flat_map(|known| &known.lamps)
+        .map(Some);
+    let frames = frames.zip(lamps.chain(std::iter::repeat(None)));
+    let frames = frames.map(|(mut entry, lamp)| {
+        if let Some(lamp) = lamp {
+            let direction = lamp.direction.to_array();
+            entry["lamp"] = json!({ "direction": direction, "strength": lamp.strength });
+        }
+        entry
+    });
     let frames: Value = frames.collect();
     let mut root = if shared {
         intrinsics.first().cloned().unwrap_or(json!({}))
     } else {
         json!({})
     };
-    root["camera_model"] = "OPENCV".into();
+    let orthographic = |frame: &Frame| frame.camera.projection == Projection::Orthographic;
+    let model = if capture.frames.iter().any(orthographic) {
+        "ORTHOGRAPHIC"
+    } else {
+        "OPENCV"
+    };
+    root["camera_model"] = model.into();
+    if capture.lamps.as_ref().is_some_and(|lamps| lamps.ball) {
+        let [x, y, z] = capture.centre.to_array();
+        root["shape"] = json!({
+            "sphere": { "centre": [x, y, z], "radius": capture.mesh.bounding_radius() }
+        });
+    }
     root["frames"] = frames;
     root
 }
@@ -151,6 +179,11 @@ fn transforms(capture: &Capture) -> Value {
 fn intrinsics(camera: &Camera) -> Value {
     let [fl_x, fl_y] = camera.focal;
     let [cx, cy] = camera.principal;
+    if camera.projection == Projection::Orthographic {
+        return json!({
+            "pixels_per_unit": fl_x, "cx": cx, "cy": cy, "w": camera.width, "h": camera.height,
+        });
+    }
     let [k1, k2, p1, p2] = camera.distortion;
     let angle = 2.0 * (0.5 * camera.width as f64 / f64::from(fl_x)).atan();
     json!({

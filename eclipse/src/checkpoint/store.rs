@@ -2,7 +2,7 @@
 
 use std::{fs, io, path::Path};
 
-use render::image::Image;
+use render::{camera::Projection, image::Image};
 
 use super::{Checkpoint, CheckpointError, codec};
 use crate::{capture::Capture, files::atomic};
@@ -81,6 +81,10 @@ pub fn fingerprint(capture: &Capture) -> u64 {
     for frame in &capture.frames {
         let camera = &frame.camera;
         floats(&[camera.width as f32, camera.height as f32]);
+        // Perspective is what all cameras had before there was another projection: it adds nothing.
+        if camera.projection == Projection::Orthographic {
+            floats(&[1.0]);
+        }
         floats(&camera.focal);
         floats(&camera.principal);
         floats(&camera.distortion);

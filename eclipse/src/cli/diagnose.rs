@@ -16,7 +16,9 @@ use super::{
 use crate::{
     capture::{Capture, LoadOptions},
     control::Control,
-    criticism::{self, DiagnoseError, Diagnosis, Options, Simulation, effects, page},
+    criticism::{
+        self, DiagnoseError, Diagnosis, Options, Simulation, diagnosis::Finding, effects, page,
+    },
     files::lock::Lock,
     joint, output,
     progress::{ProgressDisplay, Style},
@@ -32,7 +34,8 @@ const EXAMPLES: &str = "Examples:
 
 Effects: moving_occluder, occluder_bounce, exposure_drift, response_curve, vignetting, black_level,
 veiling_glare, clipping, interreflection, ground_bounce, near_field_light, moving_light, emission,
-specular_lobe, translucency, pose_error, defocus, normal_error, medium.";
+specular_lobe, translucency, pose_error, defocus, normal_error, medium; where the lamps are known (`lamp`
+in transforms.json) lamp_direction, ambient_light, and of the others those that such light lets tell.";
 
 /// Seconds of the reconstruction a diagnosis makes for itself, at most.
 const RECONSTRUCTION: f64 = 120.0;
@@ -135,11 +138,25 @@ pub(super) fn diagnose(
         .num_threads(job.threads)
         .build()
         .map_err(|error| Failure::failed(format!("cannot start threads: {error}")))?;
-    let simulation = match job.reconstruction {
-        Some(folder) => {
+    let simulation = match (&capture.lamps, job.reconstruction) {
+        (Some(_), Some(folder)) => {
+            return Err(Failure {
+                outcome: Outcome::Usage,
+                message: format!(
+                    "the lamps of {} are known (`lamp` in transforms.json), so that there is nothing to reconstruct: leave out \
+                     --reconstruction {}",
+                    job.capture.display(),
+                    folder.display()
+                ),
+            });
+        }
+        (Some(lamps), None) => {
+            Simulation::under_lamps(&capture, lamps).map_err(Failure::bad_input)?
+        }
+        (None, Some(folder)) => {
             Simulation::load(folder, capture.frames.len()).map_err(Failure::bad_input)?
         }
-        None => {
+        (None, None) => {
             report("reconstructing without occluders");
             let settings = Settings {
                 occluders: false,
@@ -177,7 +194,7 @@ pub(super) fn diagnose(
     let outcome = pool.install(|| criticism::diagnose(&capture, &simulation, &options, &go_on));
     let mut outcome = match outcome {
         Err(DiagnoseError::Interrupted) => return Ok(None),
-        Err(error @ DiagnoseError::Unknown(_)) => {
+        Err(error @ (DiagnoseError::Unknown(_) | DiagnoseError::OtherLight { .. })) => {
             return Err(Failure {
                 outcome: Outcome::Usage,
                 message: error.to_string(),
@@ -240,8 +257,45 @@ fn summary(d: &Diagnosis, folder: &Path) -> String {
             if r.capacity { "  (capacity)" } else { "" }
         );
     }
+    for finding in &d.effects {
+        text += &numbers(finding);
+    }
     if let Some(command) = &d.command {
         text += &format!("reconstruct with it: {command}\n");
     }
     text + &format!("wrote {}\n", folder.join("diagnosis.html").display())
+}
+
+/// The numbers of an effect that stand out of their errors, strongest first, a few of them.
+fn numbers(finding: &Finding) -> String {
+    const SHOWN: usize = 12;
+    let error = |name: &str| {
+        finding
+            .standard_errors
+            .get(name)
+            .copied()
+            .unwrap_or(f64::NAN)
+    };
+    let mut all: Vec<(&String, f64, f64)> = finding
+        .parameters
+        .iter()
+        .map(|(name, value)| (name, *value, error(name)))
+        .filter(|(_, value, error)| value.abs() > 2.0 * error)
+        .collect();
+    all.sort_by(|a, b| (b.1 / b.2).abs().total_cmp(&(a.1 / a.2).abs()));
+    let lines: String = all
+        .iter()
+        .take(SHOWN)
+        .map(|(name, value, error)| format!("  {name} = {value:.4} ± {error:.4}\n"))
+        .collect();
+    let more = all.len().saturating_sub(SHOWN);
+    let rest = if more > 0 {
+        format!("  and {more} more, in diagnosis.json\n")
+    } else {
+        String::new()
+    };
+    format!(
+        "{}: sealed gain {:.0} ± {:.0}\n{lines}{rest}",
+        finding.id, finding.sealed_gain, finding.sealed_gain_se
+    )
 }

@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::{Failure, Outcome, print, units};
 use crate::{
-    inspect::{self, Inspection, page},
+    inspect::{self, Inspection, LampsInspection, page},
     settings::Settings,
 };
 
@@ -59,7 +59,6 @@ pub(super) fn run(arguments: &InspectArguments, out: &mut dyn Write) -> Result<O
 fn text(inspection: &Inspection) -> String {
     let Inspection {
         object,
-        cameras,
         silhouettes,
         exposure,
         coverage,
@@ -98,18 +97,7 @@ fn text(inspection: &Inspection) -> String {
                 object.radius
             ),
         ),
-        (
-            "cameras",
-            format!(
-                "{:.4} to {:.4} away, {:.0}° to {:.0}° high, widest gap around {:.0}°, tilt {:.0}°",
-                cameras.distance[0],
-                cameras.distance[1],
-                cameras.elevation[0],
-                cameras.elevation[1],
-                cameras.widest_gap,
-                cameras.tilt
-            ),
-        ),
+        ("cameras", self::cameras(inspection)),
         (
             "silhouettes",
             format!(
@@ -147,6 +135,9 @@ fn text(inspection: &Inspection) -> String {
         );
         lines.push(("light", value));
     }
+    if let Some(lamps) = &inspection.lamps {
+        lines.push(("lamps", self::lamps(lamps)));
+    }
     if let Some(points) = &inspection.points {
         let value = format!(
             "{} sparse points, {} in the mesh's box",
@@ -154,17 +145,20 @@ fn text(inspection: &Inspection) -> String {
         );
         lines.push(("points", value));
     }
-    lines.push((
-        "a run takes",
-        format!(
+    lines.push(if inspection.lamps.is_some() {
+        let value = format!("eclipse diagnose {}", inspection.capture.display());
+        ("compare with", value)
+    } else {
+        let value = format!(
             "about {} of {} memory, at most {:.0} s of solving by default, then about {:.0} s for pictures ({} threads)",
             units::bytes(run.memory),
             units::bytes(run.memory_allowed),
             run.solve_seconds,
             run.finish_seconds,
             run.threads
-        ),
-    ));
+        );
+        ("a run takes", value)
+    });
     lines.extend(
         inspection
             .warnings
@@ -175,6 +169,32 @@ fn text(inspection: &Inspection) -> String {
         .into_iter()
         .map(|(name, value)| format!("{name:<12} {value}\n"))
         .collect()
+}
+
+fn cameras(inspection: &Inspection) -> String {
+    let cameras = &inspection.cameras;
+    let scale = inspection.frames.iter().find(|frame| frame.orthographic);
+    let how_far = match scale {
+        Some(frame) => format!("orthographic, {} pixels a unit", frame.focal[0]),
+        None => format!(
+            "{:.4} to {:.4} away",
+            cameras.distance[0], cameras.distance[1]
+        ),
+    };
+    format!(
+        "{how_far}, {:.0}° to {:.0}° high, widest gap around {:.0}°, tilt {:.0}°",
+        cameras.elevation[0], cameras.elevation[1], cameras.widest_gap, cameras.tilt
+    )
+}
+
+fn lamps(lamps: &LampsInspection) -> String {
+    let least = lamps.angles.iter().copied().fold(f32::INFINITY, f32::min);
+    let most = lamps.angles.iter().copied().fold(0.0, f32::max);
+    let shape = if lamps.ball { ", on a ball" } else { "" };
+    format!(
+        "known, one a photograph: {least:.0}° to {most:.0}° from the camera, up to {:.0}° between two of them{shape}",
+        lamps.spread
+    )
 }
 
 fn frames(inspection: &Inspection) -> String {

@@ -124,6 +124,8 @@ pub(super) fn run(
         ..Default::default()
     };
     let capture = Capture::load(&arguments.capture, &options).map_err(Failure::bad_input)?;
+    // Before a folder is made for it.
+    reconstruct::check_light(&capture).map_err(Failure::bad_input)?;
     output::prepare(&folder).map_err(Failure::failed)?;
     let _lock = Lock::acquire(&folder).map_err(Failure::failed)?;
     let resumed = arguments.resume.then(|| checkpoint::load(&folder));

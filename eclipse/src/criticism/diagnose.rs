@@ -7,6 +7,7 @@ use super::{
     diagnosis::{Diagnosis, Finding, Judged, Ranked, Refitted, Sealed},
     effects::{self, Effect},
     fit::{Fit, FitError},
+    light::Light,
     linearise::{Candidate, Jacobian},
     locate, refit,
     score::{Score, Screen, screen},
@@ -78,7 +79,11 @@ pub fn diagnose<'a>(
     let began = Instant::now();
     let mut seconds = BTreeMap::new();
     let report = |text: &str| report(text).then_some(()).ok_or(DiagnoseError::Interrupted);
-    let candidates = chosen(&options.effects)?;
+    let light = match capture.lamps {
+        None => Light::Environment,
+        Some(_) => Light::Lamps,
+    };
+    let candidates = chosen(&options.effects, light)?;
     report("visibility of the surface")?;
     let study = Study::new(
         capture,
@@ -228,6 +233,7 @@ pub fn diagnose<'a>(
         baselines,
         moved,
         command: None,
+        assumptions: assumptions(capture, light, &study),
         structured,
         axes,
         seconds,
@@ -252,6 +258,31 @@ pub fn diagnose<'a>(
     })
 }
 
+/// What was taken for granted.
+fn assumptions(capture: &Capture, light: Light, study: &Study<'_>) -> Vec<String> {
+    let mut all = Vec::new();
+    if light == Light::Lamps {
+        all.push("One distant lamp a frame, with the direction and the strength that the capture says, and no other light.".into());
+        let ball = capture.lamps.as_ref().is_some_and(|lamps| lamps.ball);
+        all.push(format!(
+            "A Lambertian surface of the given shape{}. Its albedo is free in every place, smooth but for what the places' scatter \
+             says; one scale, by colour, is free for all lamps together.",
+            if ball {
+                ", a ball, dark where it turns away from the lamp"
+            } else {
+                ", which casts shadows on itself"
+            }
+        ));
+    }
+    if study.seen.eight_bits {
+        all.push(
+            "The photographs hold 256 levels at most: rounding to them counts as noise. PNG and JPEG files are read as sRGB unless \
+             the capture's `color_encoding` says otherwise; where that is wrong, response_curve tells.".into(),
+        );
+    }
+    all
+}
+
 /// Whether no effect of the model has numbers of single frames.
 fn is_shared(fit: &Fit) -> bool {
     let mut terms = fit.links.iter().flat_map(|link| link.terms.iter());
@@ -274,15 +305,20 @@ pub fn screen_at(
     Ok(screen(study, &jacobian, &candidates))
 }
 
-/// The effects of these names and the capacity candidates; all when none is named.
-fn chosen(names: &[String]) -> Result<Vec<&'static dyn Effect>, DiagnoseError> {
+/// The effects of these names and the capacity candidates; all that such light lets tell when none is named.
+fn chosen(names: &[String], light: Light) -> Result<Vec<&'static dyn Effect>, DiagnoseError> {
     for name in names {
-        if effects::by_id(name).is_none() {
-            return Err(DiagnoseError::Unknown(name.clone()));
+        let effect = effects::by_id(name).ok_or_else(|| DiagnoseError::Unknown(name.clone()))?;
+        if !effect.under(light) {
+            return Err(DiagnoseError::OtherLight {
+                name: name.clone(),
+                light,
+            });
         }
     }
     Ok(effects::all()
         .into_iter()
+        .filter(|e| e.under(light))
         .filter(|e| names.is_empty() || e.is_capacity() || names.iter().any(|n| n == e.id()))
         .collect())
 }
@@ -382,6 +418,19 @@ pub enum DiagnoseError {
     /// The tape failed.
     #[error(transparent)]
     Fit(#[from] FitError),
+    /// An effect that such light does not let tell.
+    #[error(
+        "`{name}` is an effect of captures whose light is {}: leave it out of --effects", match light {
+            Light::Environment => "known (`lamp` in transforms.json); this one's is not",
+            Light::Lamps => "unknown; this one's lamps are known (`lamp` in transforms.json)",
+        }
+    )]
+    OtherLight {
+        /// Its name.
+        name: String,
+        /// The light of the capture.
+        light: Light,
+    },
     /// The caller asked for the end.
     #[error("interrupted")]
     Interrupted,

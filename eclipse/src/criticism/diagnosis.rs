@@ -135,6 +135,8 @@ pub struct Diagnosis {
     pub moved: BTreeMap<String, f64>,
     /// The command that reconstructs with what was found.
     pub command: Option<String>,
+    /// What was taken for granted, for people.
+    pub assumptions: Vec<String>,
     /// Structured mismatch in units of the noise's variance, before and after.
     pub structured: [f64; 2],
     /// Mean residuals along axes.

@@ -15,6 +15,7 @@ use super::{
     chain::{Chain, ChainError, Link},
     effects::Effect,
     formation::{Formation, Parameters},
+    horizon::{Horizon, Source},
     linear::dot,
     precision::Precision,
     scene::Scene,
@@ -37,6 +38,8 @@ pub struct Fit {
     pub parameters: Parameters,
     /// The lobe, unless the surface is Lambertian.
     pub lobe: Option<Lobe>,
+    /// The light's sources where the model has them, and what the sites receive of them.
+    pub horizon: Arc<Horizon>,
     /// Light transport under that lobe, without occluders.
     pub bare: Arc<Transport>,
     /// Image formation, occluders of the model included.
@@ -76,11 +79,13 @@ impl Fit {
     /// A bug of the tape.
     pub fn start(study: &Study<'_>) -> Result<Self, FitError> {
         let lobe = study.lobe;
-        let bare = study.transport(lobe);
+        let horizon = study.horizon.clone();
+        let bare = Arc::new(Transport::new(&horizon, &study.seen, lobe));
         let formation = study.formation_with(bare.clone())?;
         let mut parameters = formation.zero();
-        parameters.light = formation.light_like(&study.radiance);
-        let mut fit = Self::unevaluated(parameters, lobe, bare, formation, 3 * study.seen.len());
+        parameters.light = formation.light.like(&study.radiance);
+        let values = 3 * study.seen.len();
+        let mut fit = Self::unevaluated(parameters, lobe, horizon, bare, formation, values);
         fit.evaluate(study)?;
         Ok(fit)
     }
@@ -89,6 +94,7 @@ impl Fit {
     fn unevaluated(
         parameters: Parameters,
         lobe: Option<Lobe>,
+        horizon: Arc<Horizon>,
         bare: Arc<Transport>,
         formation: Formation,
         values: usize,
@@ -96,6 +102,7 @@ impl Fit {
         Self {
             parameters,
             lobe,
+            horizon,
             bare,
             formation,
             active: Vec::new(),
@@ -120,7 +127,8 @@ impl Fit {
     /// As [`start`](Self::start).
     pub fn duplicate(&self, study: &Study<'_>) -> Result<Self, FitError> {
         let formation = study.formation_with(self.formation.transport().clone())?;
-        let (parameters, bare) = (self.parameters.clone(), self.bare.clone());
+        let (parameters, horizon) = (self.parameters.clone(), self.horizon.clone());
+        let (bare, values) = (self.bare.clone(), self.trust.len());
         let mut fit = Self {
             active: self.active.clone(),
             tau: self.tau,
@@ -128,7 +136,7 @@ impl Fit {
             dark_inflation: self.dark_inflation,
             trust: self.trust.clone(),
             links: self.links.clone(),
-            ..Self::unevaluated(parameters, self.lobe, bare, formation, self.trust.len())
+            ..Self::unevaluated(parameters, self.lobe, horizon, bare, formation, values)
         };
         fit.evaluate(study)?;
         Ok(fit)
@@ -140,7 +148,7 @@ impl Fit {
             capture: study.capture,
             bvh: &study.bvh,
             seen: &study.seen,
-            horizon: &study.horizon,
+            horizon: &self.horizon,
             transport: self.formation.transport(),
             bare: &self.bare,
             lobe: self.lobe,
@@ -222,10 +230,10 @@ impl Fit {
                     .active
                     .iter()
                     .find(|a| a.effect.id() == link.effect.id());
-                // What transport lets pass is in the ideal values already.
+                // What transport lets pass, and where lamps are, is in the ideal values already.
                 let inside = |a: &Active| {
-                    let passing = a.effect.passing(&study.horizon, &study.seen, &a.beta);
-                    passing.is_some()
+                    let passing = a.effect.passing(&self.horizon, &study.seen, &a.beta);
+                    passing.is_some() || self.moved_lamps(study, a).is_some()
                 };
                 match own {
                     Some(a) if !inside(a) => a.beta.clone(),
@@ -241,11 +249,40 @@ impl Fit {
         own.and_then(|a| a.beta.get(term)).copied().unwrap_or(0.0)
     }
 
-    /// Image formation with the occluders as they are now.
+    /// Light transport under the present lobe, without occluders.
+    fn transport(&self, study: &Study<'_>) -> Arc<Transport> {
+        Arc::new(Transport::new(&self.horizon, &study.seen, self.lobe))
+    }
+
+    /// The known lamps where an effect puts them.
+    fn moved_lamps(&self, study: &Study<'_>, active: &Active) -> Option<Vec<Source>> {
+        let given = study.horizon.lamps()?;
+        active.effect.moved_lamps(given, &study.seen, &active.beta)
+    }
+
+    /// Puts the known lamps where the effects have them.
+    fn move_lamps(&mut self, study: &Study<'_>) {
+        let Some(given) = study.horizon.lamps() else {
+            return;
+        };
+        let mut lamps = given.to_vec();
+        for active in &self.active {
+            if let Some(moved) = active.effect.moved_lamps(&lamps, &study.seen, &active.beta) {
+                lamps = moved;
+            }
+        }
+        if self.horizon.lamps() != Some(&*lamps) {
+            self.horizon = Arc::new(study.horizon_under(lamps));
+            self.bare = self.transport(study);
+        }
+    }
+
+    /// Image formation with lamps and occluders as they are now.
     fn form(&mut self, study: &Study<'_>) -> Result<(), FitError> {
+        self.move_lamps(study);
         let mut transport = self.bare.clone();
         for a in &self.active {
-            if let Some(passing) = a.effect.passing(&study.horizon, &study.seen, &a.beta) {
+            if let Some(passing) = a.effect.passing(&self.horizon, &study.seen, &a.beta) {
                 transport = Arc::new(transport.masked(passing));
             }
         }

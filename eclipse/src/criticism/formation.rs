@@ -1,6 +1,6 @@
 //! Image formation on the tape: light, through transport, onto a textured surface, into every view.
 //!
-//! value = (½ + Φ w + ε) · D L + S L with L = exp(pyramid), everything along an inner axis that holds the colour channels
+//! value = (½ + Φ w + ε) · D L + S L with L the exponential of what is fitted of the [light](super::light), everything along an inner axis that holds the colour channels
 //! and, for products with many directions at once, several of them side by side. Every parameter is in units of its
 //! prior's standard deviation except ε, the albedo's deviation of each site from the smooth texture Φ w.
 
@@ -9,16 +9,14 @@ use std::sync::Arc;
 use autodiff::{Differentiable, Graph, GraphError, LinearMap, Program, RunError, Sizes, Workspace};
 use glam::Vec3;
 use rayon::prelude::*;
-use render::{lat_long::LatLong, maps::PyramidMap, pyramid::Pyramid};
 
 use super::{
+    light::LightModel,
     observe::Observations,
     split::farthest,
     transport::{Number, Transport},
 };
 
-/// Standard deviations of the logarithm of radiance added by each level, finest first, as in the solver.
-const LIGHT_DEVIATIONS: [f32; 6] = [0.12, 0.25, 0.5, 0.8, 1.0, 1.0];
 /// Bumps of the smooth texture.
 const BUMPS: usize = 220;
 /// Standard deviation of a bump's weight.
@@ -26,16 +24,10 @@ const BUMP_DEVIATION: f32 = 0.25;
 
 /// The unchanging part of the model of a capture.
 pub struct Formation {
-    /// The grid of light.
-    pub grid: LatLong,
-    /// The pyramid of the logarithm of light.
-    pub pyramid: Pyramid,
-    /// Prior deviation of each of its values.
-    pub deviation: Vec<f32>,
+    /// What is fitted of the light.
+    pub light: Arc<LightModel>,
     /// The smooth part of the albedo.
     pub texture: Arc<Bumps>,
-    /// Logarithm of radiance at zero parameters.
-    pub base: f32,
     program: Program,
     half: Arc<[u32]>,
     other_half: Arc<[u32]>,
@@ -60,28 +52,16 @@ impl Formation {
     /// # Errors
     /// When the tape does not compile, which would be a bug.
     pub fn new(
-        grid: LatLong,
+        light: Arc<LightModel>,
         transport: Arc<Transport>,
         seen: &Observations,
         texture: Arc<Bumps>,
-        base: f32,
     ) -> Result<Self, GraphError> {
-        let pyramid = Pyramid::new(grid, LIGHT_DEVIATIONS.len());
-        let count = pyramid.levels().len();
-        let mut deviation = vec![0.0; pyramid.len()];
-        for k in 0..count {
-            let sd = LIGHT_DEVIATIONS[(count - 1 - k).min(LIGHT_DEVIATIONS.len() - 1)];
-            // The pyramid's own weight 2ᵏ of a level is divided out.
-            deviation[pyramid.range(k)].fill(sd / (1u32 << k) as f32);
-        }
-        let program = record(&pyramid, &transport, &texture)?;
+        let program = record(&light, &transport, &texture)?;
         let views = seen.views.len() as u32;
         Ok(Self {
-            grid,
-            pyramid,
-            deviation,
+            light,
             texture,
-            base,
             program,
             half: (0..views).map(|v| 2 * v).collect(),
             other_half: (0..views).map(|v| 2 * v + 1).collect(),
@@ -98,44 +78,10 @@ impl Formation {
     /// All parameters at zero.
     pub fn zero(&self) -> Parameters {
         Parameters {
-            light: vec![0.0; 3 * self.pyramid.len()],
+            light: vec![0.0; 3 * self.light.len()],
             texture: vec![0.0; 3 * self.texture.bumps],
             deviation: vec![0.0; 3 * self.texture.sites],
         }
-    }
-
-    /// Parameters of light whose radiance comes close to `radiance`, `[texel][colour]`, by damped least squares.
-    pub fn light_like(&self, radiance: &[f32]) -> Vec<f32> {
-        let target: Vec<f32> = radiance
-            .iter()
-            .map(|&l| l.max(1e-6).ln() - self.base)
-            .collect();
-        let levels = self.pyramid.len();
-        let mut z = vec![0.0f32; 3 * levels];
-        let scaled = |v: &[f32]| -> Vec<f32> {
-            (0..3 * levels)
-                .map(|i| v[i] * self.deviation[i / 3])
-                .collect()
-        };
-        let apply = |v: &[f32]| {
-            let mut out = vec![0.0; target.len()];
-            self.pyramid.apply(&scaled(v), &mut out, 3);
-            out
-        };
-        let transpose = |r: &[f32]| {
-            let mut out = vec![0.0; 3 * levels];
-            self.pyramid.apply_transpose(r, &mut out, 3);
-            scaled(&out)
-        };
-        // A tenth of a unit of the logarithm is close enough.
-        const PRECISION: f32 = 100.0;
-        let product = |v: &[f32]| -> Vec<f32> {
-            let back = transpose(&apply(v));
-            v.iter().zip(back).map(|(v, b)| v + PRECISION * b).collect()
-        };
-        let right: Vec<f32> = transpose(&target).iter().map(|b| PRECISION * b).collect();
-        super::linear::conjugate_gradients(&mut z, &right, 40, 1e-4, product);
-        z
     }
 
     /// A workspace for `probes` directions side by side, at these parameters.
@@ -144,8 +90,8 @@ impl Formation {
     /// When the tape refuses what it is given, which would be a bug.
     pub fn workspace(&self, at: &Parameters, probes: usize) -> Result<Workspace<f32>, RunError> {
         let sizes = Sizes::new()
-            .lanes("level", self.pyramid.len())
-            .lanes("texel", self.grid.len())
+            .lanes("level", self.light.len())
+            .lanes("texel", self.light.sources())
             .lanes("half", 2 * self.site.len())
             .lanes("view", self.site.len())
             .lanes("site", self.texture.sites)
@@ -155,8 +101,8 @@ impl Formation {
         ws.set("light", &tiled(&at.light, probes))?;
         ws.set("texture", &tiled(&at.texture, probes))?;
         ws.set("deviation", &tiled(&at.deviation, probes))?;
-        ws.set("light deviation", &self.deviation)?;
-        ws.set("base", &[self.base])?;
+        ws.set("light deviation", &self.light.deviation)?;
+        ws.set("base", &tiled(&self.light.base, probes))?;
         ws.bind_index("diffuse half", self.half.clone())?;
         ws.bind_index("specular half", self.other_half.clone())?;
         ws.bind_index("own site", self.site.clone())?;
@@ -212,7 +158,7 @@ fn tiled(values: &[f32], probes: usize) -> Vec<f32> {
 }
 
 fn record(
-    pyramid: &Pyramid,
+    light: &LightModel,
     transport: &Arc<Transport>,
     texture: &Arc<Bumps>,
 ) -> Result<Program, GraphError> {
@@ -223,8 +169,8 @@ fn record(
 
     let coefficients =
         g.param_along("light", &level, 1, &colour) * g.input("light deviation", &level, 1);
-    let log = coefficients.linear_map(&texel, Arc::new(PyramidMap(pyramid.clone())))
-        + g.input("base", &g.uniform(), 1);
+    let log = coefficients.linear_map(&texel, light.map.clone())
+        + g.input_along("base", &texel, 1, &colour);
     let radiance = log.clamp(-20.0, 14.0).exp();
     let reflected = radiance.linear_map(&half, transport.clone());
     let diffuse = reflected.gather(&g.index("diffuse half", &view, &half));

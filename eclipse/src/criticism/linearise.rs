@@ -179,7 +179,7 @@ fn groups(terms: &mut [Term]) -> Vec<Vec<Term>> {
 fn light(study: &Study<'_>, fit: &Fit, precision: &Precision) -> Result<Vec<Vec<f32>>, FitError> {
     let formation = &fit.formation;
     let views = study.seen.views.len();
-    let levels = formation.pyramid.len();
+    let levels = formation.light.len();
     let width = 3 * PROBES;
     let mut ws = formation.workspace(&fit.parameters, PROBES)?;
     let mut rows = Vec::new();

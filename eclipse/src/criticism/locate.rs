@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use super::{
     fit::Fit,
+    light::Light,
     statistics::{discoveries, normal_tail},
     study::Study,
 };
@@ -162,9 +163,8 @@ pub fn axes(study: &Study<'_>, before: &Fit, after: &Fit) -> Vec<Axis> {
     let typical = f64::from(before.scene(study).typical());
     let facing = |v: usize| {
         let view = &views[v];
-        let point = &study.seen.sites[view.site as usize].point;
-        let to_eye = (study.seen.eyes[view.frame as usize] - point.position).normalize();
-        f64::from(point.normal.dot(to_eye))
+        let normal = study.seen.sites[view.site as usize].point.normal;
+        f64::from(normal.dot(study.seen.outgoing(view)))
     };
     let radius = |v: usize| {
         let camera = &study.capture.frames[views[v].frame as usize].camera;
@@ -178,8 +178,12 @@ pub fn axes(study: &Study<'_>, before: &Fit, after: &Fit) -> Vec<Axis> {
         sum / (3.0 * typical)
     };
     let open = |v: usize| {
-        let row = &study.horizon.rows[views[v].site as usize];
-        f64::from(row.weight.iter().sum::<f32>()) / std::f64::consts::PI
+        let row = study.horizon.row(&study.seen, &views[v]);
+        row.map(|(_, weight, _)| f64::from(weight)).sum::<f64>() / std::f64::consts::PI
+    };
+    let (open_name, least_open) = match study.horizon.light() {
+        Light::Environment => ("openness (1 on a convex shape)", 0.2),
+        Light::Lamps => ("facing the lamp (n·l, 0 in its shadow)", 0.0),
     };
     let frame = |v: usize| f64::from(views[v].frame);
     let frames = study.seen.frames as f64 - 0.5;
@@ -220,15 +224,7 @@ pub fn axes(study: &Study<'_>, before: &Fit, after: &Fit) -> Vec<Axis> {
             [0.3, 1.0],
             &facing,
         ),
-        axis(
-            study,
-            before,
-            after,
-            "openness (1 on a convex shape)",
-            8,
-            [0.2, 1.0],
-            &open,
-        ),
+        axis(study, before, after, open_name, 8, [least_open, 1.0], &open),
     ]
 }
 

@@ -18,6 +18,7 @@ pub struct Maps {
 /// Of all frames.
 ///
 /// The simulation's render gives the detail; the ratio of the model at the sites to it, smoothed over a few pixels, corrects it.
+/// A little is added to both before, so that in the dark it is their difference that counts.
 pub fn frames(outcome: &Outcome<'_>) -> Vec<Maps> {
     (0..outcome.study.seen.frames)
         .into_par_iter()
@@ -74,7 +75,8 @@ fn model(outcome: &Outcome<'_>, fit: &Fit, t: usize) -> Image {
         .map(|(v, view)| {
             let there = sample(render, view.at);
             let ratio = [0, 1, 2]
-                .map(|c| (fit.value[3 * v + c].max(floor) / there[c].max(floor)).clamp(0.1, 10.0));
+                .map(|c| (fit.value[3 * v + c].max(0.0) + floor) / (there[c].max(0.0) + floor))
+                .map(|ratio| ratio.clamp(0.1, 10.0));
             (view.at, ratio)
         })
         .collect();
@@ -97,7 +99,7 @@ fn model(outcome: &Outcome<'_>, fit: &Fit, t: usize) -> Image {
             sums[3] += weight;
         }
         if sums[3] > 0.0 {
-            (0..3).for_each(|c| out[c] *= sums[c] / sums[3]);
+            (0..3).for_each(|c| out[c] = (out[c] + floor) * sums[c] / sums[3] - floor);
         }
     }
     image

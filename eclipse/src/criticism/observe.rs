@@ -10,6 +10,7 @@ use render::{
 
 use super::{
     dark::{Dark, background},
+    quantum::Quantum,
     scatter::scatter,
     split::{self, Place},
 };
@@ -60,21 +61,30 @@ pub struct Observations {
     pub dark: Vec<Dark>,
     /// Camera centres.
     pub eyes: Vec<Vec3>,
+    /// The cameras.
+    pub cameras: Vec<Camera>,
     /// How many frames.
     pub frames: usize,
     /// How many patches of surface.
     pub patches: usize,
     /// Distance between sites.
     pub spacing: f32,
+    /// Whether the photographs hold no more levels than eight bits have.
+    pub eight_bits: bool,
 }
 
 impl Observations {
     /// About `count` sites of the capture's surface and what its frames show of them.
     pub fn gather(capture: &Capture, bvh: &Bvh, noise: &Noise, count: usize, seed: u64) -> Self {
         let (points, spacing) = scatter(bvh, count, seed);
+        let quantum = Quantum::of(capture.frames.iter().map(|f| &f.image));
+        let sensor = Sensor {
+            noise,
+            quantum: quantum.as_ref(),
+        };
         let views: Vec<Vec<View>> = points
             .par_iter()
-            .map(|point| views_of(capture, bvh, noise, point))
+            .map(|point| views_of(capture, bvh, &sensor, point))
             .collect();
         let (points, mut views): (Vec<SurfacePoint>, Vec<Vec<View>>) = points
             .into_iter()
@@ -100,9 +110,11 @@ impl Observations {
             offsets,
             dark: background(capture),
             eyes: capture.frames.iter().map(|f| f.camera.centre()).collect(),
+            cameras: capture.frames.iter().map(|f| f.camera.clone()).collect(),
             frames: capture.frames.len(),
             patches,
             spacing,
+            eight_bits: quantum.is_some(),
         }
     }
 
@@ -143,20 +155,40 @@ impl Observations {
         }
     }
 
+    /// The unit direction from a view's site to its camera.
+    pub fn outgoing(&self, view: &View) -> Vec3 {
+        let point = self.sites[view.site as usize].point.position;
+        self.cameras[view.frame as usize].direction_from(point)
+    }
+
     /// The distance of every view's site from its camera.
     pub fn distance(&self, view: &View) -> f32 {
         self.eyes[view.frame as usize].distance(self.sites[view.site as usize].point.position)
     }
 }
 
-fn views_of(capture: &Capture, bvh: &Bvh, noise: &Noise, point: &SurfacePoint) -> Vec<View> {
+/// What values scatter by.
+struct Sensor<'a> {
+    noise: &'a Noise,
+    quantum: Option<&'a Quantum>,
+}
+
+impl Sensor<'_> {
+    /// Variance of a value. Noise larger than a level holds the rounding's already.
+    fn variance(&self, value: f32) -> f32 {
+        let noise = self.noise.sigma(f64::from(value)).powi(2) as f32;
+        noise.max(self.quantum.map_or(0.0, |quantum| quantum.variance(value)))
+    }
+}
+
+fn views_of(capture: &Capture, bvh: &Bvh, sensor: &Sensor, point: &SurfacePoint) -> Vec<View> {
     capture
         .frames
         .iter()
         .enumerate()
         .filter_map(|(t, frame)| {
             let at = seen_at(&frame.camera, bvh, point)?;
-            let (value, variance) = look_up(&frame.image, &frame.mask, at, noise)?;
+            let (value, variance) = look_up(&frame.image, &frame.mask, at, sensor)?;
             Some(View {
                 site: 0,
                 frame: t as u32,
@@ -170,10 +202,9 @@ fn views_of(capture: &Capture, bvh: &Bvh, noise: &Noise, point: &SurfacePoint) -
 
 /// Where a camera sees a point well: not hidden, not obliquely, not next to the edge of something nearer.
 pub fn seen_at(camera: &Camera, bvh: &Bvh, point: &SurfacePoint) -> Option<[f32; 2]> {
-    let to_eye = camera.centre() - point.position;
-    let distance = to_eye.length();
-    let facing = point.normal.dot(to_eye) / distance;
-    if facing < GRAZING || point.geometric_normal.dot(to_eye) < 0.1 * distance {
+    let to_eye = camera.direction_from(point.position);
+    let facing = point.normal.dot(to_eye);
+    if facing < GRAZING || point.geometric_normal.dot(to_eye) < 0.1 {
         return None;
     }
     let [x, y] = camera.project(point.position)?;
@@ -181,7 +212,7 @@ pub fn seen_at(camera: &Camera, bvh: &Bvh, point: &SurfacePoint) -> Option<[f32;
     if !inside(x, camera.width) || !inside(y, camera.height) {
         return None;
     }
-    let pixel = distance / camera.focal[0];
+    let pixel = camera.footprint(point.position);
     for (dx, dy, reach) in [
         (0.0, 0.0, 0.0),
         (-1.0, -1.0, 2.5),
@@ -206,7 +237,7 @@ fn look_up(
     image: &Image,
     mask: &Image,
     [x, y]: [f32; 2],
-    noise: &Noise,
+    sensor: &Sensor,
 ) -> Option<([f32; 3], [f32; 3])> {
     let (cx, cy) = (x as usize, y as usize);
     for j in cy.checked_sub(1)?..=cy + 1 {
@@ -237,7 +268,7 @@ fn look_up(
             + weights[3] * pixel(i + 1, j + 1);
         let second = (pixel(cx - 1, cy) - 2.0 * pixel(cx, cy) + pixel(cx + 1, cy)).abs()
             + (pixel(cx, cy - 1) - 2.0 * pixel(cx, cy) + pixel(cx, cy + 1)).abs();
-        let sensor = noise.sigma(f64::from(value[c])).powi(2) as f32;
+        let sensor = sensor.variance(value[c]);
         // The noise's own part of the second difference is not a matter of footprints.
         let footprint = (second * second - 12.0 * sensor).max(0.0);
         variance[c] = squares.max(0.35) * sensor

@@ -18,6 +18,8 @@ use crate::{
 
 /// Residuals of this many standard deviations are fully coloured.
 const RANGE: f32 = 4.0;
+/// Numbers of an effect that are shown at once.
+const SHOWN_NUMBERS: usize = 8;
 /// Frames shown on the page.
 const SHOWN: usize = 6;
 
@@ -60,7 +62,7 @@ fn html(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, PageErro
     Ok(format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\n\
          <title>Diagnosis of {title}</title>\n<style>{style}</style></head><body>\n<h1>{title}: {verdict}</h1>\n\
-         <p class=\"sentence\">{sentence}</p>\n{found}{pictures}{spots}{ranking}{refits}{plots}{others}\
+         <p class=\"sentence\">{sentence}</p>\n{found}{pictures}{spots}{ranking}{refits}{plots}{assumed}{others}\
          <footer>Written by eclipse {version}. Gains are reductions of squared error in units of the noise's variance. Sealed data: \
          one patch of surface and one frame in seven, seen by no fit.</footer></body></html>\n",
         title = escaped(&name),
@@ -72,6 +74,7 @@ fn html(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, PageErro
         ranking = ranking(d),
         refits = refits(d),
         plots = d.axes.iter().map(plot::axis).collect::<String>(),
+        assumed = assumed(d),
         others = others(d),
         version = env!("CARGO_PKG_VERSION"),
     ))
@@ -96,11 +99,14 @@ fn finding(f: &Finding) -> String {
         .map(|(n, v)| (n, *v, f.standard_errors.get(n).copied().unwrap_or(f64::NAN)))
         .collect();
     strongest.sort_by(|a, b| (b.1 / b.2).abs().total_cmp(&(a.1 / a.2).abs()));
-    let numbers: String = strongest
-        .iter()
-        .take(6)
-        .map(|(n, v, e)| format!("<li>{} = {v:.4} ± {e:.4}</li>", escaped(n)))
-        .collect();
+    let item =
+        |(n, v, e): &(&String, f64, f64)| format!("<li>{} = {v:.4} ± {e:.4}</li>", escaped(n));
+    let (first, rest) = strongest.split_at(strongest.len().min(SHOWN_NUMBERS));
+    let mut numbers: String = first.iter().map(item).collect();
+    if !rest.is_empty() {
+        let rest: String = rest.iter().map(item).collect();
+        numbers += &format!("<details><summary>the others</summary>{rest}</details>");
+    }
     format!(
         "<tr><td><b>{}</b><ul>{numbers}</ul></td><td>{:.2} %</td><td>{:.0} ± {:.0}</td><td>{:.1e}</td><td>{:.2}</td><td>{:.2} %</td>\
          <td>{}</td><td>{confused}</td></tr>",
@@ -275,6 +281,18 @@ fn refits(d: &Diagnosis) -> String {
     format!(
         "<h2>Refits</h2><table><tr><th>round</th><th>effect</th><th>evidence (χ²)</th><th>gain on sealed data</th></tr>{rows}</table>"
     )
+}
+
+fn assumed(d: &Diagnosis) -> String {
+    let all: String = d
+        .assumptions
+        .iter()
+        .map(|text| format!("<li>{}</li>", escaped(text)))
+        .collect();
+    if all.is_empty() {
+        return all;
+    }
+    format!("<h2>Taken for granted</h2><ul>{all}</ul>")
 }
 
 fn others(d: &Diagnosis) -> String {

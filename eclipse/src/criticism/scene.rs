@@ -4,8 +4,9 @@ use glam::Vec3;
 use render::{bvh::Bvh, image::Image};
 
 use super::{
+    horizon::Horizon,
     observe::Observations,
-    transport::{Horizon, Lobe, Transport},
+    transport::{Lobe, Transport},
 };
 use crate::capture::Capture;
 
@@ -17,7 +18,7 @@ pub struct Scene<'a> {
     pub bvh: &'a Bvh,
     /// What is looked at.
     pub seen: &'a Observations,
-    /// What every site sees of the environment.
+    /// What every site may receive of the light's sources.
     pub horizon: &'a Horizon,
     /// Light transport to every view.
     pub transport: &'a Transport,
@@ -25,7 +26,7 @@ pub struct Scene<'a> {
     pub bare: &'a Transport,
     /// Specular reflection; `None` for Lambertian surfaces.
     pub lobe: Option<Lobe>,
-    /// Radiance, `[texel][colour]`.
+    /// Radiance, `[source][colour]`.
     pub radiance: &'a [f32],
     /// Albedo of every site, `[site][colour]`.
     pub albedo: &'a [f32],
@@ -97,9 +98,7 @@ impl Scene<'_> {
 
     /// The unit direction from a view's site to its camera.
     pub fn outgoing(&self, view: usize) -> Vec3 {
-        let view = &self.seen.views[view];
-        let point = self.seen.sites[view.site as usize].point.position;
-        (self.seen.eyes[view.frame as usize] - point).normalize()
+        self.seen.outgoing(&self.seen.views[view])
     }
 
     /// Time of a frame, from −1 for the first to 1 for the last.

@@ -7,9 +7,11 @@ use render::{bvh::Bvh, image::Image, lat_long::LatLong, mesh::MeshError};
 use super::{
     fit::FitError,
     formation::{Bumps, Formation},
+    horizon::{Horizon, Source},
+    light::LightModel,
     observe::Observations,
     split::{Role, dark_role, role},
-    transport::{Horizon, Lobe, Transport},
+    transport::{Lobe, Transport},
 };
 use crate::{
     capture::Capture,
@@ -26,7 +28,7 @@ const MAX_SETTINGS: u64 = 1 << 20;
 /// What of a reconstruction a diagnosis starts from.
 #[derive(Clone, Debug)]
 pub struct Simulation {
-    /// Radiance, equirectangular, three channels.
+    /// Radiance, equirectangular, three channels; where lamps are known, one row with what each of them has.
     pub environment: Image,
     /// The lobe; `None` for Lambertian surfaces.
     pub lobe: Option<Lobe>,
@@ -137,9 +139,11 @@ pub struct Study<'a> {
     pub value: Vec<f32>,
     /// Variances of the values.
     pub variance: Vec<f32>,
-    /// What every site sees.
-    pub horizon: Horizon,
-    /// Radiance of the simulation on the grid, `[texel][colour]`.
+    /// What every site may receive of the light's sources.
+    pub horizon: Arc<Horizon>,
+    /// What is fitted of the light.
+    pub light: Arc<LightModel>,
+    /// Radiance of the simulation's sources, `[source][colour]`.
     pub radiance: Vec<f32>,
     /// Its lobe.
     pub lobe: Option<Lobe>,
@@ -148,7 +152,6 @@ pub struct Study<'a> {
     /// Radius of the object.
     pub radius: f32,
     texture: Arc<Bumps>,
-    base: f32,
 }
 
 impl<'a> Study<'a> {
@@ -172,21 +175,32 @@ impl<'a> Study<'a> {
             });
         }
         let points: Vec<_> = seen.sites.iter().map(|s| s.point).collect();
-        let grid = LatLong::new(rows, 2 * rows);
-        let horizon = Horizon::new(&bvh, grid, &points);
         let positions: Vec<_> = points.iter().map(|p| p.position).collect();
-        let radiance = resampled(&simulation.environment, grid);
-        let mean = radiance.iter().map(|&l| f64::from(l)).sum::<f64>() / radiance.len() as f64;
+        let (horizon, light, radiance) = match &capture.lamps {
+            None => {
+                let grid = LatLong::new(rows, 2 * rows);
+                let radiance = resampled(&simulation.environment, grid);
+                let light = LightModel::environment(grid, &radiance);
+                (Horizon::of_grid(&bvh, grid, &points), light, radiance)
+            }
+            Some(lamps) => {
+                let radiance = simulation.environment.data.clone();
+                let light = LightModel::lamps(&radiance);
+                (Horizon::of_lamps(&bvh, lamps, &points), light, radiance)
+            }
+        };
+        // A frame's lamp is its own affair: under known lamps every frame takes part, and patches alone are sealed.
+        let frames = if capture.lamps.is_some() {
+            0
+        } else {
+            seen.frames
+        };
         let role = (0..seen.len())
             .map(|i| match seen.views.get(i) {
-                Some(view) => role(
-                    seen.sites[view.site as usize].place,
-                    view.frame,
-                    seen.frames,
-                ),
+                Some(view) => role(seen.sites[view.site as usize].place, view.frame, frames),
                 None => {
                     let dark = &seen.dark[i - seen.views.len()];
-                    dark_role(dark.patch, dark.frame, seen.frames)
+                    dark_role(dark.patch, dark.frame, frames)
                 }
             })
             .collect();
@@ -199,8 +213,8 @@ impl<'a> Study<'a> {
             role,
             value: value.into_flattened(),
             variance: variance.into_flattened(),
-            horizon,
-            base: mean.max(1e-6).ln() as f32,
+            horizon: Arc::new(horizon),
+            light: Arc::new(light),
             radiance,
             lobe: simulation.lobe,
             renders: cut_out(capture, &simulation.renders),
@@ -211,9 +225,11 @@ impl<'a> Study<'a> {
         })
     }
 
-    /// Light transport under a lobe.
-    pub fn transport(&self, lobe: Option<Lobe>) -> Arc<Transport> {
-        Arc::new(Transport::new(&self.horizon, &self.seen, lobe))
+    /// What the sites receive of known lamps at other places.
+    pub fn horizon_under(&self, lamps: Vec<Source>) -> Horizon {
+        let points: Vec<_> = self.seen.sites.iter().map(|s| s.point).collect();
+        let ball = self.capture.lamps.as_ref().is_some_and(|lamps| lamps.ball);
+        Horizon::of_sources(&self.bvh, ball, lamps, &points)
     }
 
     /// Image formation with this transport.
@@ -222,11 +238,10 @@ impl<'a> Study<'a> {
     /// A bug of the tape.
     pub fn formation_with(&self, transport: Arc<Transport>) -> Result<Formation, FitError> {
         Ok(Formation::new(
-            self.horizon.grid,
+            self.light.clone(),
             transport,
             &self.seen,
             self.texture.clone(),
-            self.base,
         )?)
     }
 

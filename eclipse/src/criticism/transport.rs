@@ -1,4 +1,5 @@
-//! Light transport from the environment's texels to every view of the surface: a fixed linear operator the tape applies.
+//! Light transport from the sources (texels of an environment, or lamps) to every view of the surface: a fixed linear operator
+//! the tape applies.
 //!
 //! A row is one view (a surface site seen in one frame). It has two halves, what an albedo of one reflects and what the
 //! specular lobe adds; both are linear in radiance. Geometry never changes, so rows are plain numbers.
@@ -11,14 +12,9 @@ use std::{
 use autodiff::LinearMap;
 use glam::Vec3;
 use rayon::prelude::*;
-use render::{
-    bsdf::{Cosines, microfacet},
-    bvh::{Bvh, SurfacePoint},
-    lat_long::LatLong,
-    transport::{Quadrature, TransportRow},
-};
+use render::bsdf::{Cosines, microfacet};
 
-use super::observe::Observations;
+use super::{horizon::Horizon, observe::Observations};
 pub use crate::reconstruct::shading::Lobe;
 use crate::reconstruct::shading::just_seen;
 
@@ -31,32 +27,6 @@ impl Lobe {
         alpha: 0.45,
         kappa: 0.04,
     };
-}
-
-/// What of the environment every site can see, whatever the view.
-pub struct Horizon {
-    /// The grid of light.
-    pub grid: LatLong,
-    /// Directions of the grid's texels.
-    pub directions: Vec<Vec3>,
-    /// Visibility × cosine × solid angle of each site.
-    pub rows: Vec<TransportRow>,
-}
-
-impl Horizon {
-    /// Of these sites, by quadrature over `grid`.
-    pub fn new(bvh: &Bvh, grid: LatLong, sites: &[SurfacePoint]) -> Self {
-        // Shadow edges are as fine on a coarse grid of light: more rays a texel.
-        let side = (100 / grid.rows.max(1)).clamp(2, 4);
-        let quadrature = Quadrature::new(grid, side);
-        Self {
-            grid,
-            directions: (0..grid.len())
-                .map(|d| grid.texel_direction(d / grid.columns, d % grid.columns))
-                .collect(),
-            rows: quadrature.rows(bvh, sites),
-        }
-    }
 }
 
 /// The operator for all views of the surface.
@@ -75,20 +45,17 @@ impl Transport {
             .views
             .par_iter()
             .map(|view| {
-                let site = view.site as usize;
-                let point = &seen.sites[site].point;
-                let outgoing = (seen.eyes[view.frame as usize] - point.position).normalize();
-                let row = &horizon.rows[site];
-                let weight = row.texel.iter().zip(&row.weight).map(|(&texel, &weight)| {
-                    let incident = horizon.directions[usize::from(texel)];
-                    let (diffuse, specular) = reflect(lobe, point.normal, incident, outgoing);
-                    [weight * diffuse, weight * specular]
-                });
-                (row.texel.clone(), weight.collect())
+                let normal = seen.sites[view.site as usize].point.normal;
+                let outgoing = seen.outgoing(view);
+                let entry = |(source, weight, incident): (usize, f32, Vec3)| {
+                    let (diffuse, specular) = reflect(lobe, normal, incident, outgoing);
+                    (source as u16, [weight * diffuse, weight * specular])
+                };
+                horizon.row(seen, view).map(entry).unzip()
             })
             .collect();
         let mut transport = Self {
-            texels: horizon.grid.len(),
+            texels: horizon.directions.len(),
             offsets: vec![0],
             texel: Vec::new(),
             weight: Vec::new(),

@@ -91,7 +91,7 @@ fn sees(frame: &Frame, bvh: &Bvh, mut point: SurfacePoint) -> bool {
     };
     let inside =
         (0.0..camera.width as f32).contains(&x) && (0.0..camera.height as f32).contains(&y);
-    let direction = (camera.centre() - point.position).normalize_or_zero();
+    let direction = camera.direction_from(point.position);
     let cosine = point.geometric_normal.dot(direction);
     if !inside || cosine.abs() < GRAZING {
         return false;

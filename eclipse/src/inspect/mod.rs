@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 
 use glam::Vec3;
 use rayon::prelude::*;
+use render::camera::Projection;
 use serde::Serialize;
 
 pub use coverage::CoverageInspection;
@@ -18,7 +19,7 @@ pub use limit::LimitInspection;
 
 use crate::{
     capture::{
-        Capture, CaptureError, Frame, LoadOptions, Source, formats::colmap::read_points,
+        Capture, CaptureError, Frame, Lamps, LoadOptions, Source, formats::colmap::read_points,
         mask_overlap,
     },
     reconstruct,
@@ -46,6 +47,8 @@ pub struct Inspection {
     pub object: ObjectInspection,
     /// How the cameras stand around it.
     pub cameras: CamerasInspection,
+    /// The lamps, where the light is known.
+    pub lamps: Option<LampsInspection>,
     /// How the mesh's silhouettes and the masks agree.
     pub silhouettes: SilhouettesInspection,
     /// Levels of the photographs on the object.
@@ -73,7 +76,9 @@ pub struct FrameInspection {
     pub width: usize,
     /// Pixels down.
     pub height: usize,
-    /// Focal lengths in pixels.
+    /// Whether its camera is orthographic.
+    pub orthographic: bool,
+    /// Focal lengths in pixels; of an orthographic camera the pixels that a unit of length takes.
     pub focal: [f32; 2],
     /// Distance of the camera from the object's middle, in the capture's unit.
     pub distance: f32,
@@ -117,6 +122,19 @@ pub struct CamerasInspection {
     pub widest_gap: f32,
     /// Angle between the photographs' mean upward direction and the world's z.
     pub tilt: f32,
+}
+
+/// Known lamps, one a photograph.
+#[derive(Clone, Debug, Serialize)]
+pub struct LampsInspection {
+    /// Angle between each lamp and the direction to its camera, degrees.
+    pub angles: Vec<f32>,
+    /// Strength of each, linear RGB.
+    pub strengths: Vec<[f32; 3]>,
+    /// The largest angle between two of them, degrees.
+    pub spread: f32,
+    /// Whether the object is a ball.
+    pub ball: bool,
 }
 
 /// Overlaps of silhouettes and masks (intersection over union).
@@ -209,10 +227,15 @@ fn of_capture(
         left_out: source.left_out,
         object: object(capture),
         cameras: cameras(capture, &frames),
+        lamps: capture.lamps.as_ref().map(|known| lamps(capture, known)),
         silhouettes: silhouettes(&frames),
         exposure: exposure::inspect(capture, &frames),
         coverage: coverage::inspect(capture),
-        limit: limit::inspect(capture),
+        // Where lamps are known there is no environment to be found.
+        limit: match capture.lamps {
+            None => limit::inspect(capture),
+            Some(_) => None,
+        },
         points: points.map(|points| of_points(capture, &points)),
         run: run(capture, settings),
         frames,
@@ -230,6 +253,7 @@ fn of_frame(capture: &Capture, frame: &Frame) -> FrameInspection {
         name: frame.name.clone(),
         width: camera.width,
         height: camera.height,
+        orthographic: camera.projection == Projection::Orthographic,
         focal: camera.focal,
         distance: camera.distance(),
         azimuth: centre.y.atan2(centre.x).to_degrees(),
@@ -281,6 +305,23 @@ fn cameras(capture: &Capture, frames: &[FrameInspection]) -> CamerasInspection {
         elevation: range(|frame| frame.elevation),
         widest_gap: gaps.fold(0.0, f32::max),
         tilt: up.normalize_or(Vec3::Z).angle_between(Vec3::Z).to_degrees(),
+    }
+}
+
+fn lamps(capture: &Capture, known: &Lamps) -> LampsInspection {
+    let directions: Vec<Vec3> = known.lamps.iter().map(|lamp| lamp.direction).collect();
+    let angle = |a: Vec3, b: Vec3| a.angle_between(b).to_degrees();
+    let frames = capture.frames.iter().zip(&directions);
+    let pairs = directions
+        .iter()
+        .flat_map(|&a| directions.iter().map(move |&b| angle(a, b)));
+    LampsInspection {
+        angles: frames
+            .map(|(frame, &lamp)| angle(frame.camera.direction_from(Vec3::ZERO), lamp))
+            .collect(),
+        strengths: known.lamps.iter().map(|lamp| lamp.strength).collect(),
+        spread: pairs.fold(0.0, f32::max),
+        ball: known.ball,
     }
 }
 

@@ -17,18 +17,21 @@ const CLIPPED: f32 = 0.005;
 const FEW: usize = 12;
 
 pub(super) fn all(inspection: &Inspection) -> Vec<String> {
-    let warnings = [
-        few(inspection),
+    let always = [
         poor_overlap(inspection),
-        gap(inspection),
-        tilt(inspection),
-        uneven(inspection),
         clipped(inspection),
         black(inspection),
         points(inspection),
-        memory(inspection),
     ];
-    warnings.into_iter().flatten().collect()
+    // Known light asks for no walk around the object, and lamps need not be alike.
+    let unknown_light = [few, gap, tilt, uneven, memory];
+    let of_light = unknown_light
+        .into_iter()
+        .filter(|_| inspection.lamps.is_none());
+    of_light
+        .filter_map(|warning| warning(inspection))
+        .chain(always.into_iter().flatten())
+        .collect()
 }
 
 fn few(inspection: &Inspection) -> Option<String> {

@@ -1,6 +1,6 @@
 //! A whole reconstruction: noise, stages coarse to fine, materials and images, scores and remarks.
 
-use std::{collections::BTreeMap, time::Instant};
+use std::{collections::BTreeMap, path::PathBuf, time::Instant};
 
 use render::{bvh::Bvh, image::Image, lat_long::LatLong, mesh::MeshError};
 
@@ -56,6 +56,7 @@ pub fn run(
     settings: &Settings,
     control: &Control<'_>,
 ) -> Result<Reconstruction, ReconstructError> {
+    check_light(capture)?;
     let began = Instant::now();
     let noise = noise::estimate(&capture.frames);
     let bvh = Bvh::new(&capture.mesh)?;
@@ -233,6 +234,15 @@ pub fn memory(capture: &Capture, settings: &Settings) -> u64 {
 /// Why a reconstruction could not be made.
 #[derive(Debug, thiserror::Error)]
 pub enum ReconstructError {
+    /// Nothing is unknown of the light.
+    #[error(
+        "the lamps of {path} are known (`lamp` in transforms.json): reconstruct looks for unknown light and has nothing to find here; \
+         to compare the photographs with their simulation, run: eclipse diagnose {path}", path = path.display()
+    )]
+    KnownLamps {
+        /// The capture.
+        path: PathBuf,
+    },
     /// The mesh cannot be traced.
     #[error(transparent)]
     Mesh(#[from] MeshError),
@@ -254,6 +264,19 @@ pub enum ReconstructError {
     /// The state could not be saved or used.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
+}
+
+/// Refuses captures whose light is known.
+///
+/// # Errors
+/// [`ReconstructError::KnownLamps`].
+pub fn check_light(capture: &Capture) -> Result<(), ReconstructError> {
+    match capture.lamps {
+        None => Ok(()),
+        Some(_) => Err(ReconstructError::KnownLamps {
+            path: capture.path.clone(),
+        }),
+    }
 }
 
 /// What every step of a run shares.

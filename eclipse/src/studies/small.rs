@@ -133,30 +133,10 @@ pub(super) fn settings(bench: &Bench<'_>, trial: &Trial, seed: u64) -> Settings 
 /// Three balls of different sizes that touch.
 fn balls() -> Mesh {
     let mut mesh = Mesh::default();
-    add_sphere(&mut mesh, Vec3::new(-0.42, 0.0, -0.1), 0.5, 32);
-    add_sphere(&mut mesh, Vec3::new(0.4, 0.15, 0.0), 0.38, 32);
-    add_sphere(&mut mesh, Vec3::new(0.05, -0.25, 0.5), 0.3, 32);
+    mesh.append(&Mesh::sphere(Vec3::new(-0.42, 0.0, -0.1), 0.5, 32));
+    mesh.append(&Mesh::sphere(Vec3::new(0.4, 0.15, 0.0), 0.38, 32));
+    mesh.append(&Mesh::sphere(Vec3::new(0.05, -0.25, 0.5), 0.3, 32));
     mesh
-}
-
-/// Appends a sphere of `rows` × 2 `rows` quadrilaterals with exact normals.
-pub fn add_sphere(mesh: &mut Mesh, centre: Vec3, radius: f32, rows: u32) {
-    let columns = 2 * rows;
-    let start = mesh.positions.len() as u32;
-    for r in 0..=rows {
-        for c in 0..columns {
-            let d = LatLong::direction(c as f32 / columns as f32, r as f32 / rows as f32);
-            mesh.positions.push(centre + radius * d);
-            mesh.normals.push(d);
-        }
-    }
-    let at = |r: u32, c: u32| start + r * columns + c % columns;
-    for r in 0..rows {
-        for c in 0..columns {
-            mesh.faces.push([at(r, c), at(r + 1, c), at(r + 1, c + 1)]);
-            mesh.faces.push([at(r, c), at(r + 1, c + 1), at(r, c + 1)]);
-        }
-    }
 }
 
 /// Lamps of `width` degrees at random places not far below the horizon, of random brightness and colour; their power does not

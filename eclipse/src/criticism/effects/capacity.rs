@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use render::{lat_long::LatLong, occluder::shell_direction};
 
 use super::{Effect, Stage, Term};
-use crate::criticism::{formation::Bumps, scene::Scene};
+use crate::criticism::{formation::Bumps, light::Light, scene::Scene};
 
 /// Albedo that varies over shorter distances than the texture of the model.
 pub struct FinerAlbedo;
@@ -15,6 +15,12 @@ pub struct FinerEnvironment;
 
 /// Light taken away from any part of the sky in any frame.
 pub struct FinerOccluders;
+
+/// Known lamps whose light varies over the object in any smooth way, anew in every frame.
+pub struct FinerLamps;
+
+/// Parts of the surface that a lamp may light more or less.
+const LAMP_PARTS: usize = 10;
 
 impl Effect for FinerAlbedo {
     fn id(&self) -> &'static str {
@@ -31,6 +37,9 @@ impl Effect for FinerAlbedo {
     }
     fn confused_with(&self) -> &'static [&'static str] {
         &["emission", "normal_error", "interreflection"]
+    }
+    fn under(&self, _light: Light) -> bool {
+        true
     }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         let positions: Vec<Vec3> = scene.seen.sites.iter().map(|s| s.point.position).collect();
@@ -66,7 +75,9 @@ impl Effect for FinerEnvironment {
     }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         // The brightest texels of the model may be brighter or darker each on their own: fine detail is where light is.
-        let grid = scene.horizon.grid;
+        let Some(grid) = scene.horizon.grid() else {
+            return Vec::new();
+        };
         let power = |t: usize| {
             let sum: f32 = (0..3).map(|c| scene.radiance[3 * t + c]).sum();
             sum * grid.solid_angle(t / grid.columns)
@@ -138,5 +149,49 @@ impl Effect for FinerOccluders {
             }
         }
         terms
+    }
+}
+
+impl Effect for FinerLamps {
+    fn id(&self) -> &'static str {
+        "finer_lamps"
+    }
+    fn describe(&self) -> &'static str {
+        "lamps' light varies over the object, anew in every frame"
+    }
+    fn stage(&self) -> Stage {
+        Stage::IncidentLight
+    }
+    fn is_capacity(&self) -> bool {
+        true
+    }
+    fn confused_with(&self) -> &'static [&'static str] {
+        &["lamp_direction", "exposure_drift", "near_field_light"]
+    }
+    fn under(&self, light: Light) -> bool {
+        light == Light::Lamps
+    }
+    fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
+        if scene.horizon.light() != Light::Lamps {
+            return Vec::new();
+        }
+        let positions: Vec<Vec3> = scene.seen.sites.iter().map(|s| s.point.position).collect();
+        let parts = Bumps::new(&positions, LAMP_PARTS, 1.0);
+        let frames =
+            (0..scene.seen.frames as u32).flat_map(|t| (0..parts.bumps).map(move |part| (t, part)));
+        frames
+            .map(|(t, part)| {
+                let field = scene.on_views(|v| {
+                    let view = &scene.seen.views[v];
+                    if view.frame != t {
+                        return [0.0; 3];
+                    }
+                    let share = parts.at(view.site as usize)[part];
+                    scene.value_of(v).map(|value| share * value)
+                });
+                let name = format!("light of lamp {t} on part {part} of the surface (share)");
+                Term::new(name, 0.1, field).of(t)
+            })
+            .collect()
     }
 }

@@ -1,7 +1,7 @@
 //! Light that the object itself gives off.
 
 use super::{Effect, Stage, Term};
-use crate::criticism::{formation::Bumps, scene::Scene};
+use crate::criticism::{formation::Bumps, light::Light, scene::Scene};
 
 /// + e(x) ≥ 0: a colour everywhere, and more or less of it around points of the surface.
 pub struct Emission;
@@ -26,6 +26,9 @@ impl Effect for Emission {
             "black_level",
             "translucency",
         ]
+    }
+    fn under(&self, _light: Light) -> bool {
+        true
     }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         let typical = scene.typical();

@@ -4,6 +4,7 @@ use std::f32::consts::FRAC_1_PI;
 
 use glam::Vec3;
 use rayon::prelude::*;
+use render::lat_long::LatLong;
 
 use super::{Effect, Stage, Term};
 use crate::criticism::scene::Scene;
@@ -29,6 +30,9 @@ impl Effect for GroundBounce {
         &["near_field_light", "interreflection", "finer_environment"]
     }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
+        let Some(grid) = scene.horizon.grid() else {
+            return Vec::new();
+        };
         let lowest = scene.bvh.mesh().bounds()[0].z;
         let mut terms = Vec::new();
         for (name, gap) in [
@@ -36,7 +40,7 @@ impl Effect for GroundBounce {
             ("0.1 radii below", 0.1),
             ("0.3 radii below", 0.3),
         ] {
-            let plane = Plane::new(scene, lowest - gap * scene.radius);
+            let plane = Plane::new(scene, grid, lowest - gap * scene.radius);
             let whole = plane.change(scene);
             for c in 0..3 {
                 let mut field = whole.clone();
@@ -64,8 +68,7 @@ struct Plane {
 }
 
 impl Plane {
-    fn new(scene: &Scene<'_>, height: f32) -> Self {
-        let grid = scene.horizon.grid;
+    fn new(scene: &Scene<'_>, grid: LatLong, height: f32) -> Self {
         let cell = 2.0 * REACH * scene.radius / CELLS as f32;
         // Every second texel across and down is enough for a plane's irradiance.
         let sky: Vec<(Vec3, [f32; 3])> = (0..grid.len())

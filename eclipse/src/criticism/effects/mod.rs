@@ -3,6 +3,7 @@
 pub mod camera_map;
 pub mod support;
 
+mod ambient_light;
 mod black_level;
 mod capacity;
 mod clipping;
@@ -11,6 +12,7 @@ mod emission;
 mod exposure_drift;
 mod ground_bounce;
 mod interreflection;
+mod lamp_direction;
 mod medium;
 mod moving_light;
 mod moving_occluder;
@@ -28,7 +30,12 @@ use autodiff::{Detached, Var};
 
 use camera_map::CameraMap;
 
-use super::{observe::Observations, scene::Scene, transport::Horizon};
+use super::{
+    horizon::{Horizon, Source},
+    light::Light,
+    observe::Observations,
+    scene::Scene,
+};
 use crate::capture::Capture;
 
 /// The share of light that reaches a view from a texel.
@@ -135,12 +142,27 @@ pub trait Effect: Sync {
     fn is_capacity(&self) -> bool {
         false
     }
+    /// Whether it can be told under such light.
+    fn under(&self, light: Light) -> bool {
+        light == Light::Environment
+    }
     /// Its numbers and fields for the model as it stands; empty where it makes no sense.
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term>;
     /// For effects that let a share of light pass to each view from each texel: those shares at `beta`.
     ///
     /// They are multiplied into the light transport; [`record`](Self::record) then acts on what differs from `beta`.
     fn passing(&self, _horizon: &Horizon, _seen: &Observations, _beta: &[f64]) -> Option<Passing> {
+        None
+    }
+    /// For effects that move known lamps: where `beta` puts them.
+    ///
+    /// They light the model from there; [`record`](Self::record) then acts on what differs from `beta`.
+    fn moved_lamps(
+        &self,
+        _lamps: &[Source],
+        _seen: &Observations,
+        _beta: &[f64],
+    ) -> Option<Vec<Source>> {
         None
     }
     /// All that [`camera_map`](Self::camera_map) needs: its numbers, and what its fields say that is the same everywhere.
@@ -186,6 +208,8 @@ pub fn all() -> Vec<&'static dyn Effect> {
         &interreflection::Interreflection,
         &ground_bounce::GroundBounce,
         &near_field_light::NearFieldLight,
+        &lamp_direction::LampDirection,
+        &ambient_light::AmbientLight,
         &moving_light::MovingLight,
         &emission::Emission,
         &specular_lobe::SpecularLobe,
@@ -197,6 +221,7 @@ pub fn all() -> Vec<&'static dyn Effect> {
         &capacity::FinerAlbedo,
         &capacity::FinerEnvironment,
         &capacity::FinerOccluders,
+        &capacity::FinerLamps,
     ]
 }
 

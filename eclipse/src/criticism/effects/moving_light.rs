@@ -1,6 +1,7 @@
 //! An environment that turns or changes while the photographs are taken.
 
 use glam::{Quat, Vec3};
+use render::lat_long::LatLong;
 
 use super::{Effect, Stage, Term};
 use crate::criticism::scene::Scene;
@@ -26,10 +27,13 @@ impl Effect for MovingLight {
         &["moving_occluder", "exposure_drift"]
     }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
+        let Some(grid) = scene.horizon.grid() else {
+            return Vec::new();
+        };
         let mut terms = Vec::new();
         let axes = [("x", Vec3::X), ("y", Vec3::Y), ("z", Vec3::Z)];
         for (name, axis) in axes {
-            let turned = scene.lit_by(&turning(scene, axis));
+            let turned = scene.lit_by(&turning(scene, grid, axis));
             for (time, power) in [("time", 1), ("time²", 2)] {
                 let field = scaled(scene, &turned, |t| {
                     let t = scene.time(t);
@@ -73,8 +77,7 @@ fn scaled(scene: &Scene<'_>, field: &[f32], of: impl Fn(u32) -> f32) -> Vec<f32>
 }
 
 /// The environment's change by a turn about `axis`, per radian.
-fn turning(scene: &Scene<'_>, axis: Vec3) -> Vec<f32> {
-    let grid = scene.horizon.grid;
+fn turning(scene: &Scene<'_>, grid: LatLong, axis: Vec3) -> Vec<f32> {
     let at = |direction: Vec3, c: usize| {
         let around = grid.bilinear(direction);
         (0..4)

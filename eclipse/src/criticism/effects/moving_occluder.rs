@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use render::occluder::shell_direction;
 
 use super::{Effect, Passing, Stage, Term, support::CameraGrid};
-use crate::criticism::{observe::Observations, scene::Scene, transport::Horizon};
+use crate::criticism::{horizon::Horizon, observe::Observations, scene::Scene};
 
 /// 1 − m_t(ω), m ≥ 0: opacity of the cells of a grid that turns with the camera, on the shell at the camera's distance, and more
 /// of it in broad parts behind the camera frame by frame, since people do not stand still.

@@ -1,10 +1,15 @@
 //! A lamp so close that its light differs from place to place.
+//!
+//! Under an environment that is a further lamp. Where lamps are known it is these that stand close: their light comes from
+//! different directions at different places, and falls off.
 
 use glam::Vec3;
 use render::bvh::offset_origin;
 
-use super::{Effect, Stage, Term};
-use crate::criticism::{scene::Scene, transport::reflect};
+use super::{Effect, Stage, Term, support::lamp_slope};
+use crate::criticism::{
+    horizon::Source, light::Light, observe::Observations, scene::Scene, transport::reflect,
+};
 
 /// Small lamps at finite places around the object, white or of either tint; the number is intensity.
 pub struct NearFieldLight;
@@ -25,7 +30,13 @@ impl Effect for NearFieldLight {
     fn confused_with(&self) -> &'static [&'static str] {
         &["finer_environment", "finer_albedo", "ground_bounce"]
     }
+    fn under(&self, _light: Light) -> bool {
+        true
+    }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
+        if let Some(lamps) = scene.horizon.lamps() {
+            return vec![nearness(scene, lamps)];
+        }
         let typical = f64::from(scene.typical());
         let mut terms = Vec::new();
         for &distance in &DISTANCES {
@@ -46,6 +57,38 @@ impl Effect for NearFieldLight {
         }
         terms
     }
+    fn moved_lamps(
+        &self,
+        lamps: &[Source],
+        seen: &Observations,
+        beta: &[f64],
+    ) -> Option<Vec<Source>> {
+        let nearness = beta.first().copied().filter(|nearness| *nearness != 0.0)?;
+        let nearness = nearness as f32 / radius(seen);
+        let moved = lamps.iter().map(|lamp| Source { nearness, ..*lamp });
+        Some(moved.collect())
+    }
+}
+
+/// How close all known lamps stand: one over their distance.
+fn nearness(scene: &Scene<'_>, lamps: &[Source]) -> Term {
+    const STEP: f32 = 0.01;
+    let step = STEP / radius(scene.seen);
+    let mut field = vec![0.0; scene.size()];
+    for (t, lamp) in lamps.iter().enumerate() {
+        let at = |nearness| Source { nearness, ..*lamp };
+        let (near, far) = (at(lamp.nearness + step), at(lamp.nearness - step));
+        let slope = lamp_slope(scene, t, &near, &far, 2.0 * STEP);
+        field.iter_mut().zip(slope).for_each(|(f, s)| *f += s);
+    }
+    let name = "nearness of all lamps: radii of the object to one of their distance".to_owned();
+    Term::new(name, 0.05, field).positive().at_most(0.5)
+}
+
+/// Radius of what is seen of the object, from its middle.
+fn radius(seen: &Observations) -> f32 {
+    let lengths = seen.sites.iter().map(|s| s.point.position.length());
+    lengths.fold(1e-9, f32::max)
 }
 
 /// 26 directions: faces, edges and corners of a cube.

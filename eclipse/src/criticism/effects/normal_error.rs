@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use render::math::Frame;
 
 use super::{Effect, Stage, Term};
-use crate::criticism::{formation::Bumps, scene::Scene, transport::reflect};
+use crate::criticism::{formation::Bumps, light::Light, scene::Scene, transport::reflect};
 
 /// δn(x), tangent to the surface, smooth over parts of it.
 pub struct NormalError;
@@ -26,6 +26,9 @@ impl Effect for NormalError {
     fn confused_with(&self) -> &'static [&'static str] {
         &["finer_albedo", "finer_environment", "pose_error"]
     }
+    fn under(&self, _light: Light) -> bool {
+        true
+    }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         // Change of a view's value when its normal is tilted by a radian along each of two tangents.
         const STEP: f32 = 0.03;
@@ -37,16 +40,17 @@ impl Effect for NormalError {
                 let axes = Frame::new(normal);
                 let outgoing = scene.outgoing(v);
                 let albedo = scene.albedo_of(v);
-                let row = &scene.horizon.rows[site];
+                let row: Vec<(usize, f32, Vec3)> = scene
+                    .horizon
+                    .row(scene.seen, &scene.seen.views[v])
+                    .collect();
                 [axes.tangent, axes.bitangent].map(|along: Vec3| {
                     let (plus, minus) = (
                         (normal + STEP * along).normalize(),
                         (normal - STEP * along).normalize(),
                     );
                     let mut sum = [0.0; 3];
-                    for (&texel, &weight) in row.texel.iter().zip(&row.weight) {
-                        let texel = usize::from(texel);
-                        let incident = scene.horizon.directions[texel];
+                    for &(texel, weight, incident) in &row {
                         let cosine = normal.dot(incident).max(0.02);
                         let of = |n: Vec3| {
                             let (d, s) = reflect(scene.lobe, n, incident, outgoing);

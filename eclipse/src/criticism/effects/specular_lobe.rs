@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::{Effect, Stage, Term};
 use crate::criticism::{
+    light::Light,
     scene::Scene,
     transport::{Lobe, reflect},
 };
@@ -24,6 +25,9 @@ impl Effect for SpecularLobe {
     fn confused_with(&self) -> &'static [&'static str] {
         &["finer_environment", "response_curve", "clipping"]
     }
+    fn under(&self, _light: Light) -> bool {
+        true
+    }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         // A model that has a lobe fits it with light and texture; a second one would only correct what it is too coarse for.
         if scene.lobe.is_some() {
@@ -41,11 +45,9 @@ impl Effect for SpecularLobe {
                         let normal = scene.seen.sites[site].point.normal;
                         let outgoing = scene.outgoing(v);
                         let albedo = scene.albedo_of(v);
-                        let row = &scene.horizon.rows[site];
                         let mut sum = [0.0; 3];
-                        for (&texel, &weight) in row.texel.iter().zip(&row.weight) {
-                            let texel = usize::from(texel);
-                            let incident = scene.horizon.directions[texel];
+                        let row = scene.horizon.row(scene.seen, &scene.seen.views[v]);
+                        for (texel, weight, incident) in row {
                             let (d0, s0) = reflect(Some(none), normal, incident, outgoing);
                             let (d1, s1) = reflect(Some(some), normal, incident, outgoing);
                             for c in 0..3 {

@@ -1,7 +1,15 @@
-//! What several effects need: image operations, images' values between pixels, coarse grids of directions.
+//! What several effects need: image operations, images' values between pixels, coarse grids of directions, lamps that move.
+
+use std::f32::consts::PI;
 
 use glam::Vec3;
 use render::image::Image;
+
+use crate::criticism::{
+    horizon::{Source, arriving},
+    scene::Scene,
+    transport::reflect,
+};
 
 /// The Gaussian blur of an image by `sigma` pixels; beyond the border there is what is on it.
 pub fn blurred(image: &Image, sigma: f32) -> Image {
@@ -124,4 +132,31 @@ impl CameraGrid {
         let (row, column) = (cell / AZIMUTHS.len(), cell % AZIMUTHS.len());
         (2..=6).contains(&column) && (1..=4).contains(&row)
     }
+}
+
+/// The change of every view of frame `frame`, a field, between its lamp at `plus` and at `minus`, over `distance`.
+pub fn lamp_slope(
+    scene: &Scene<'_>,
+    frame: usize,
+    plus: &Source,
+    minus: &Source,
+    distance: f32,
+) -> Vec<f32> {
+    let ball = scene.capture.lamps.as_ref().is_some_and(|lamps| lamps.ball);
+    scene.on_views(|v| {
+        let view = &scene.seen.views[v];
+        if view.frame as usize != frame {
+            return [0.0; 3];
+        }
+        let site = &scene.seen.sites[view.site as usize].point;
+        let outgoing = scene.outgoing(v);
+        let albedo = scene.albedo_of(v);
+        let [light, other] = [plus, minus].map(|lamp| {
+            let arriving = PI * arriving(scene.bvh, ball, lamp, site);
+            let (incident, _) = lamp.seen_from(site.position);
+            let (d, s) = reflect(scene.lobe, site.normal, incident, outgoing);
+            albedo.map(|albedo| arriving * (albedo * d + s))
+        });
+        [0, 1, 2].map(|c| scene.radiance[3 * frame + c] * (light[c] - other[c]) / distance)
+    })
 }

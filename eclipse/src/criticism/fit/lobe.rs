@@ -16,7 +16,7 @@ impl Fit {
             return Ok(Vec::new());
         };
         let value = |lobe: Lobe| {
-            let transport = Transport::new(&study.horizon, &study.seen, Some(lobe));
+            let transport = Transport::new(&self.horizon, &study.seen, Some(lobe));
             let scene = Scene {
                 transport: &transport,
                 bare: &transport,

@@ -103,7 +103,7 @@ impl Fit {
             if with_lobe && let Some(old) = lobe_before {
                 let step = &delta[lights + textures..];
                 self.lobe = Some(lobe::moved(old, share * step[0], share * step[1]));
-                self.bare = study.transport(self.lobe);
+                self.bare = self.transport(study);
             }
             self.form(study)?;
             self.evaluate(study)?;
@@ -124,7 +124,7 @@ impl Fit {
         self.active = betas_before;
         if self.lobe != lobe_before {
             self.lobe = lobe_before;
-            self.bare = study.transport(self.lobe);
+            self.bare = self.transport(study);
         }
         self.form(study)?;
         self.evaluate(study)
@@ -148,12 +148,7 @@ impl Fit {
 
     /// Which part of a step of light keeps its change small.
     fn allowed(&self, light: &[f32]) -> f32 {
-        let formation = &self.formation;
-        let scaled: Vec<f32> = (0..light.len())
-            .map(|i| light[i] * formation.deviation[i / 3])
-            .collect();
-        let mut change = vec![0.0; 3 * formation.grid.len()];
-        formation.pyramid.apply(&scaled, &mut change, 3);
+        let change = self.formation.light.change(light);
         let largest = change.iter().fold(0.0f32, |m, c| m.max(c.abs()));
         (LARGEST_STEP / largest.max(1e-9)).min(1.0)
     }

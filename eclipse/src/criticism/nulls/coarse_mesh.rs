@@ -78,20 +78,7 @@ mod tests {
 
     #[test]
     fn a_coarse_sphere_is_still_about_the_sphere() {
-        let rows = 40u32;
-        let at = |r: u32, c: u32| r * 2 * rows + c % (2 * rows);
-        let mut mesh = Mesh::default();
-        for r in 0..=rows {
-            for c in 0..2 * rows {
-                let (v, u) = (r as f32 / rows as f32, c as f32 / (2 * rows) as f32);
-                mesh.positions
-                    .push(render::lat_long::LatLong::direction(u, v));
-            }
-        }
-        for (r, c) in (0..rows).flat_map(|r| (0..2 * rows).map(move |c| (r, c))) {
-            mesh.faces.push([at(r, c), at(r + 1, c), at(r + 1, c + 1)]);
-            mesh.faces.push([at(r, c), at(r + 1, c + 1), at(r, c + 1)]);
-        }
+        let mesh = Mesh::sphere(Vec3::ZERO, 1.0, 40);
         let coarse = clustered(&mesh, 0.2);
         assert!(coarse.faces.len() * 4 < mesh.faces.len() && coarse.faces.len() > 100);
         assert!(coarse.validate().is_ok());

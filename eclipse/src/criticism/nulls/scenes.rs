@@ -8,7 +8,7 @@ use crate::synthesize::{Occluders, Pattern, Scene, Shooting};
 /// Rows of the light: four times those of the reconstruction's grid.
 const LIGHT_ROWS: usize = 200;
 /// Rows of the body's vertices.
-const BODY_ROWS: usize = 96;
+const BODY_ROWS: u32 = 96;
 /// Lumps on the body.
 const LUMPS: usize = 9;
 
@@ -64,21 +64,14 @@ pub fn scene(seed: u64) -> (Scene, Shooting) {
 
 /// A ball with lumps and hollows.
 fn body(lumps: &[(Vec3, f32)]) -> Mesh {
-    let columns = 2 * BODY_ROWS;
-    let mut mesh = Mesh::default();
-    for r in 0..=BODY_ROWS {
-        for c in 0..columns {
-            let d = LatLong::direction(c as f32 / columns as f32, r as f32 / BODY_ROWS as f32);
-            let lump = |(at, height): &(Vec3, f32)| height * (6.0 * (d.dot(*at) - 1.0)).exp();
-            mesh.positions
-                .push(d * (1.0 + lumps.iter().map(lump).sum::<f32>()));
-        }
+    let mut mesh = Mesh::sphere(Vec3::ZERO, 1.0, BODY_ROWS);
+    for position in &mut mesh.positions {
+        let d = *position;
+        let lump = |(at, height): &(Vec3, f32)| height * (6.0 * (d.dot(*at) - 1.0)).exp();
+        *position = d * (1.0 + lumps.iter().map(lump).sum::<f32>());
     }
-    let at = |r: usize, c: usize| (r * columns + c % columns) as u32;
-    for (r, c) in (0..BODY_ROWS).flat_map(|r| (0..columns).map(move |c| (r, c))) {
-        mesh.faces.push([at(r, c), at(r + 1, c), at(r + 1, c + 1)]);
-        mesh.faces.push([at(r, c), at(r + 1, c + 1), at(r, c + 1)]);
-    }
+    // Those of the ball are no longer right; they are made anew from the faces.
+    mesh.normals.clear();
     mesh
 }
 

@@ -218,6 +218,7 @@ mod tests {
             frames: Vec::new(),
             mesh: Mesh::default(),
             centre: Vec3::ZERO,
+            lamps: None,
         }
     }
 

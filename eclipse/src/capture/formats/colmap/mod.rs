@@ -253,6 +253,7 @@ fn frame(
     let row = |axis: usize| vec![right[axis], up[axis], back[axis], position[axis]];
     Ok(TransformsFrame {
         scene_name: None,
+        lamp: None,
         file_path: image.name.clone(),
         mask_path: None,
         transform_matrix: vec![row(0), row(1), row(2), vec![0.0, 0.0, 0.0, 1.0]],
