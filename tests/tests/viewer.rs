@@ -29,6 +29,10 @@ const SOFTWARE: [&str; 3] = [
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
 ];
+/// Pixels across and down a block that is compared.
+const BLOCK: usize = 8;
+/// Most by which blocks may differ, root mean square, of 255 levels.
+const TOLERANCE: f64 = 1.5;
 /// Counts draws and collects what WebGL complains about.
 const WATCH: &str = "window.drawn = 0; window.glErrors = [];
     for (const name of ['drawElements', 'drawArrays', 'texImage2D', 'texImage3D', 'bufferData']) {
@@ -186,11 +190,7 @@ fn a_ball_looks_as_the_renderer_sees_it() {
         let window = (-12.0 * (1.0 - d.dot(Vec3::new(0.6, -0.5, 0.62).normalize()))).exp();
         [0.4, 0.3, 0.2].map(|floor| floor * (1.2 + d.z) + 6.0 * window)
     };
-    for (alpha, kappa, lambertian, tolerance) in [
-        (1.0, 0.0, true, 2.0),
-        (0.36, 0.04, false, 3.0),
-        (0.09, 0.2, false, 5.0),
-    ] {
+    for (alpha, kappa, lambertian) in [(1.0, 0.0, true), (0.36, 0.04, false), (0.09, 0.2, false)] {
         let material = VertexMaterial {
             albedo: [0.6, 0.4, 0.2],
             alpha,
@@ -200,7 +200,7 @@ fn a_ball_looks_as_the_renderer_sees_it() {
         let folder = tempfile::tempdir().unwrap();
         let page = page(folder.path(), &capture, &solved);
         // A small canvas: the reference takes paths for each of its pixels.
-        let mut browser = opened(&program, &page, [520, 700]);
+        let mut browser = opened(&program, &page, [420, 700]);
         let map = folder.path().join("room.hdr");
         let light = radiance_map(&map, room);
         browser.choose_file("viewer-file", &map);
@@ -241,33 +241,31 @@ fn a_ball_looks_as_the_renderer_sees_it() {
         };
         let expected = picture(&stage, &camera, 0, &quality, &|_| true).unwrap();
 
+        // Means over blocks that lie wholly on the ball: the paths' noise averages out, at the outline the two antialias differently.
         let (mut sum, mut count, mut worst) = (0.0, 0, 0f64);
-        for y in 0..height {
-            for x in 0..width {
-                let pixel = expected.pixel(x, y);
-                // Inside the outline: at it the two antialias differently.
-                let around = [(-3i32, 0), (3, 0), (0, -3), (0, 3)].map(|(dx, dy)| {
-                    let at = |v: usize, d: i32, most: usize| {
-                        (v as i32 + d).clamp(0, most as i32 - 1) as usize
-                    };
-                    expected.pixel(at(x, dx, width), at(y, dy, height))[3]
-                });
-                if around.iter().any(|&coverage| coverage < 0.999) || pixel[3] < 0.999 {
-                    continue;
-                }
-                for c in 0..3 {
-                    let shown = 255.0 * f64::from(linear_to_srgb(pixel[c].clamp(0.0, 1.0)));
-                    let difference = shown - f64::from(seen.get_pixel(x as u32, y as u32)[c]);
-                    sum += difference * difference;
-                    worst = worst.max(difference.abs());
-                    count += 1;
-                }
+        for (top, left) in (0..height / BLOCK)
+            .flat_map(|y| (0..width / BLOCK).map(move |x| (y * BLOCK, x * BLOCK)))
+        {
+            let pixels = || (0..BLOCK * BLOCK).map(|k| (left + k % BLOCK, top + k / BLOCK));
+            if pixels().any(|(x, y)| expected.pixel(x, y)[3] < 0.999) {
+                continue;
+            }
+            for c in 0..3 {
+                let difference = |(x, y): (usize, usize)| {
+                    let value = expected.pixel(x, y)[c].clamp(0.0, 1.0);
+                    let shown = 255.0 * f64::from(linear_to_srgb(value));
+                    shown - f64::from(seen.get_pixel(x as u32, y as u32)[c])
+                };
+                let mean = pixels().map(difference).sum::<f64>() / (BLOCK * BLOCK) as f64;
+                sum += mean * mean;
+                worst = worst.max(mean.abs());
+                count += 1;
             }
         }
-        assert!(count > 50_000, "{count} values on the ball");
+        assert!(count > 900, "{count} values on the ball");
         let rms = (sum / f64::from(count)).sqrt();
-        println!("alpha {alpha}, kappa {kappa}: {rms:.2} of 255, at most {worst:.0}");
-        assert!(rms < tolerance, "alpha {alpha}: {rms} of 255");
+        println!("alpha {alpha}, kappa {kappa}: {rms:.2} of 255, at most {worst:.1}");
+        assert!(rms < TOLERANCE, "alpha {alpha}: {rms} of 255");
         assert_eq!(browser.evaluate("window.glErrors.join()"), "");
         assert_eq!(browser.exceptions, Vec::<String>::new());
     }
