@@ -150,34 +150,20 @@ fn agreement(found: &[f64], predicted: &[f32]) -> [f64; 2] {
 }
 
 #[test]
-fn noise_spreads_solutions_as_much_as_predicted() {
+fn noise_spreads_light_as_much_as_predicted() {
     let mut small = Small::new(&perfect::capture(), Some(OccluderPrior::Operator));
-    let (mut light, mut masks, mut albedo) = (Vec::new(), Vec::new(), Vec::new());
+    let mut light = Vec::new();
     for seed in 0..DRAWS {
         small.draw(seed);
         let z = small.solve();
-        let (at, a) = small.shared.linearise(&z).unwrap();
+        let (at, _) = small.shared.linearise(&z).unwrap();
         light.push(at.radiance().unwrap());
-        albedo.push(a);
-        masks.push(small.shared.masks(&z).unwrap());
     }
     let z = small.solve();
     let predicted = small.deviations(&z, ALL, Part::Noise);
     let [ratio, correlation] = agreement(&spread(&light), &predicted.radiance);
-    println!("light: ratio {ratio:.3}, correlation {correlation:.3}");
     assert!((0.75..1.3).contains(&ratio), "{ratio}");
     assert!(correlation > 0.8, "{correlation}");
-    let relative: Vec<f64> = spread(&albedo)
-        .iter()
-        .zip(&albedo[0])
-        .map(|(s, a)| s / f64::from(a.max(1e-3)))
-        .collect();
-    let [ratio, _] = agreement(&relative, &predicted.albedo);
-    println!("albedo: ratio {ratio:.3}");
-    assert!((0.7..1.3).contains(&ratio), "{ratio}");
-    let [ratio, _] = agreement(&spread(&masks), &predicted.masks);
-    println!("masks: ratio {ratio:.3}");
-    assert!((0.6..1.5).contains(&ratio), "{ratio}");
 }
 
 #[test]
@@ -214,7 +200,6 @@ fn more_products_only_make_surer_and_all_is_more_than_noise() {
             assert!(*more <= 1.02 * less, "{less} {more}");
         }
     }
-    println!("{:?}", all.iter().map(|a| mean(a)).collect::<Vec<_>>());
     assert!(mean(&all[3]) < 0.7 * mean(&all[0]));
     assert!(mean(&of(160, Part::Noise)) < mean(&all[3]));
 }
