@@ -38,21 +38,25 @@ impl Structure for CoarseMesh {
     }
 }
 
-/// The mesh with all vertices of a cubic cell drawn together into their mean (Rossignac & Borrel 1993), and new normals.
+/// The mesh with all vertices of a cubic cell drawn together into their mean (Rossignac & Borrel 1993), normals too.
 fn clustered(mesh: &Mesh, cell: f32) -> Mesh {
+    let mut fine = mesh.clone();
+    fine.ensure_normals();
     let mut index: HashMap<IVec3, u32> = HashMap::new();
-    let mut sums: Vec<(Vec3, f32)> = Vec::new();
+    let mut sums: Vec<(Vec3, Vec3, f32)> = Vec::new();
     let cluster_of: Vec<u32> = mesh
         .positions
         .iter()
-        .map(|&position| {
+        .zip(&fine.normals)
+        .map(|(&position, &normal)| {
             let key = (position / cell).floor().as_ivec3();
             let cluster = *index.entry(key).or_insert_with(|| {
-                sums.push((Vec3::ZERO, 0.0));
+                sums.push((Vec3::ZERO, Vec3::ZERO, 0.0));
                 sums.len() as u32 - 1
             });
-            let (sum, count) = &mut sums[cluster as usize];
+            let (sum, normals, count) = &mut sums[cluster as usize];
             *sum += position;
+            *normals += normal;
             *count += 1.0;
             cluster
         })
@@ -63,13 +67,14 @@ fn clustered(mesh: &Mesh, cell: f32) -> Mesh {
         .map(|face| face.map(|i| cluster_of[i as usize]))
         .filter(|[a, b, c]| a != b && b != c && c != a)
         .collect();
-    let mut coarse = Mesh {
-        positions: sums.iter().map(|(sum, count)| *sum / *count).collect(),
+    // Both sides of something thin may meet in a cell: any normal is as good as another there.
+    let normal = |sum: &Vec3| sum.try_normalize().unwrap_or(Vec3::Z);
+    Mesh {
+        positions: sums.iter().map(|(sum, _, n)| *sum / *n).collect(),
+        normals: sums.iter().map(|(_, normals, _)| normal(normals)).collect(),
         faces,
         ..Mesh::default()
-    };
-    coarse.ensure_normals();
-    coarse
+    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! The order of the work and its shares of the time.
 
-use super::super::fast::Stage;
+use super::{super::fast::Stage, uncertainty::SHARE as DEVIATIONS};
 
 /// A stage of the work and its rounds.
 pub(super) struct Leg {
@@ -60,7 +60,8 @@ impl Place {
 
     /// Seconds of a limit after which the steps of the stage end.
     pub(super) fn end(self, limit: f64) -> f64 {
-        let all = limit - (FINISH.0 * limit).min(FINISH.1);
+        // Standard deviations come last and take a share of all that was spent before.
+        let all = limit / (1.0 + DEVIATIONS) - (FINISH.0 * limit).min(FINISH.1);
         if self.is_last_stage() {
             all
         } else {

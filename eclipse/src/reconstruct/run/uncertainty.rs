@@ -23,7 +23,7 @@ pub(super) const MOST_PRODUCTS: usize = 160;
 /// Probes of what those directions leave free.
 const PROBES: usize = 8;
 /// Share of the seconds so far that may be spent when there is a time limit.
-const SHARE: f64 = 0.08;
+pub(super) const SHARE: f64 = 0.08;
 
 impl Run<'_> {
     /// Adds standard deviations to what was `found` at `z`; none when the caller wants the end.
