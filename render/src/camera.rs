@@ -241,7 +241,10 @@ mod tests {
             assert!((x - x2).abs() < 2e-3 && (y - y2).abs() < 2e-3);
         }
         // A unit of length across takes as many pixels however far away.
-        let [right, up] = [camera.world_from_camera.x_axis, camera.world_from_camera.y_axis];
+        let [right, up] = [
+            camera.world_from_camera.x_axis,
+            camera.world_from_camera.y_axis,
+        ];
         for depth in [1.0, 9.0] {
             let at = camera.centre() - depth * toward;
             let [x0, y0] = camera.project(at).unwrap();

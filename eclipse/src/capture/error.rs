@@ -62,7 +62,9 @@ pub enum CaptureError {
         problem: String,
     },
     /// Lamps in some frames only.
-    #[error("frame {frame:?}: `lamp` is missing, but other frames have one; give each frame the lamp it was taken by, or none, where the light is unknown")]
+    #[error(
+        "frame {frame:?}: `lamp` is missing, but other frames have one; give each frame the lamp it was taken by, or none, where the light is unknown"
+    )]
     LampMissing { frame: String },
     /// Parallel views under unknown light.
     #[error(

@@ -76,7 +76,8 @@ fn lamp(frame: &TransformsFrame, name: &str) -> Result<Lamp, CaptureError> {
         Some(strength) => numbers(strength).map_err(|problem| fail("lamp.strength", problem))?,
     };
     if strength.iter().any(|s| *s < 0.0) || strength.iter().sum::<f64>() <= 0.0 {
-        let problem = format!("is {strength:?}; expected light: no number negative, and not all zero");
+        let problem =
+            format!("is {strength:?}; expected light: no number negative, and not all zero");
         return Err(fail("lamp.strength", problem));
     }
     Ok(Lamp {

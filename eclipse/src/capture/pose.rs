@@ -195,7 +195,10 @@ fn magnification(i: &Intrinsics) -> Result<[f32; 2], (&'static str, String)> {
     };
     let single = value as f32;
     if !(single.is_finite() && single > 0.0) {
-        return Err((FIELD, format!("is {value}; expected a positive number of pixels")));
+        return Err((
+            FIELD,
+            format!("is {value}; expected a positive number of pixels"),
+        ));
     }
     Ok([single; 2])
 }

@@ -134,7 +134,11 @@ fn transforms(capture: &Capture) -> Value {
             entry["transform_matrix"] = json!(rows);
             entry
         });
-    let lamps = capture.lamps.iter().flat_map(|known| &known.lamps).map(Some);
+    let lamps = capture
+        .lamps
+        .iter()
+        .flat_map(|known| &known.lamps)
+        .map(Some);
     let frames = frames.zip(lamps.chain(std::iter::repeat(None)));
     let frames = frames.map(|(mut entry, lamp)| {
         if let Some(lamp) = lamp {

@@ -202,7 +202,10 @@ pub(super) fn diagnose(
         }
         other => other.map_err(Failure::failed)?,
     };
-    outcome.diagnosis.command = reconstruction_with(job.capture, &outcome.diagnosis);
+    // Where the lamps are known there is nothing to reconstruct.
+    if capture.lamps.is_none() {
+        outcome.diagnosis.command = reconstruction_with(job.capture, &outcome.diagnosis);
+    }
     inspect(&outcome).map_err(Failure::failed)?;
     if let Some(folder) = job.out {
         page::write(folder, &outcome).map_err(Failure::failed)?;
@@ -263,7 +266,13 @@ fn summary(d: &Diagnosis, folder: &Path) -> String {
 /// The numbers of an effect that stand out of their errors, strongest first, a few of them.
 fn numbers(finding: &Finding) -> String {
     const SHOWN: usize = 12;
-    let error = |name: &str| finding.standard_errors.get(name).copied().unwrap_or(f64::NAN);
+    let error = |name: &str| {
+        finding
+            .standard_errors
+            .get(name)
+            .copied()
+            .unwrap_or(f64::NAN)
+    };
     let mut all: Vec<(&String, f64, f64)> = finding
         .parameters
         .iter()

@@ -166,7 +166,10 @@ fn cameras(inspection: &Inspection) -> String {
     let scale = inspection.frames.iter().find(|frame| frame.orthographic);
     let how_far = match scale {
         Some(frame) => format!("orthographic, {} pixels a unit", frame.focal[0]),
-        None => format!("{:.4} to {:.4} away", cameras.distance[0], cameras.distance[1]),
+        None => format!(
+            "{:.4} to {:.4} away",
+            cameras.distance[0], cameras.distance[1]
+        ),
     };
     format!(
         "{how_far}, {:.0}° to {:.0}° high, widest gap around {:.0}°, tilt {:.0}°",

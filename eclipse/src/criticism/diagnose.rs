@@ -308,8 +308,7 @@ pub fn screen_at(
 /// The effects of these names and the capacity candidates; all that such light lets tell when none is named.
 fn chosen(names: &[String], light: Light) -> Result<Vec<&'static dyn Effect>, DiagnoseError> {
     for name in names {
-        let effect =
-            effects::by_id(name).ok_or_else(|| DiagnoseError::Unknown(name.clone()))?;
+        let effect = effects::by_id(name).ok_or_else(|| DiagnoseError::Unknown(name.clone()))?;
         if !effect.under(light) {
             return Err(DiagnoseError::OtherLight {
                 name: name.clone(),

@@ -85,12 +85,7 @@ impl Horizon {
     }
 
     /// Of these sites under these lamps; on a `ball` nothing but its own horizon hides one.
-    pub fn of_sources(
-        bvh: &Bvh,
-        ball: bool,
-        sources: Vec<Source>,
-        sites: &[SurfacePoint],
-    ) -> Self {
+    pub fn of_sources(bvh: &Bvh, ball: bool, sources: Vec<Source>, sites: &[SurfacePoint]) -> Self {
         let rows = sites
             .par_iter()
             .map(|site| {

@@ -224,15 +224,7 @@ pub fn axes(study: &Study<'_>, before: &Fit, after: &Fit) -> Vec<Axis> {
             [0.3, 1.0],
             &facing,
         ),
-        axis(
-            study,
-            before,
-            after,
-            open_name,
-            8,
-            [least_open, 1.0],
-            &open,
-        ),
+        axis(study, before, after, open_name, 8, [least_open, 1.0], &open),
     ]
 }
 

@@ -10,8 +10,8 @@ use render::{
 
 use super::{
     dark::{Dark, background},
-    scatter::scatter,
     quantum::Quantum,
+    scatter::scatter,
     split::{self, Place},
 };
 use crate::{capture::Capture, reconstruction::Noise};

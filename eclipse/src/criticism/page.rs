@@ -99,7 +99,8 @@ fn finding(f: &Finding) -> String {
         .map(|(n, v)| (n, *v, f.standard_errors.get(n).copied().unwrap_or(f64::NAN)))
         .collect();
     strongest.sort_by(|a, b| (b.1 / b.2).abs().total_cmp(&(a.1 / a.2).abs()));
-    let item = |(n, v, e): &(&String, f64, f64)| format!("<li>{} = {v:.4} ± {e:.4}</li>", escaped(n));
+    let item =
+        |(n, v, e): &(&String, f64, f64)| format!("<li>{} = {v:.4} ± {e:.4}</li>", escaped(n));
     let (first, rest) = strongest.split_at(strongest.len().min(SHOWN_NUMBERS));
     let mut numbers: String = first.iter().map(item).collect();
     if !rest.is_empty() {

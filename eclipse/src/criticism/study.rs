@@ -190,14 +190,14 @@ impl<'a> Study<'a> {
             }
         };
         // A frame's lamp is its own affair: under known lamps every frame takes part, and patches alone are sealed.
-        let frames = if capture.lamps.is_some() { 0 } else { seen.frames };
+        let frames = if capture.lamps.is_some() {
+            0
+        } else {
+            seen.frames
+        };
         let role = (0..seen.len())
             .map(|i| match seen.views.get(i) {
-                Some(view) => role(
-                    seen.sites[view.site as usize].place,
-                    view.frame,
-                    frames,
-                ),
+                Some(view) => role(seen.sites[view.site as usize].place, view.frame, frames),
                 None => {
                     let dark = &seen.dark[i - seen.views.len()];
                     dark_role(dark.patch, dark.frame, frames)

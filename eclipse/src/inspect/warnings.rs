@@ -25,7 +25,9 @@ pub(super) fn all(inspection: &Inspection) -> Vec<String> {
     ];
     // Known light asks for no walk around the object, and lamps need not be alike.
     let unknown_light = [few, gap, tilt, uneven, memory];
-    let of_light = unknown_light.into_iter().filter(|_| inspection.lamps.is_none());
+    let of_light = unknown_light
+        .into_iter()
+        .filter(|_| inspection.lamps.is_none());
     of_light
         .filter_map(|warning| warning(inspection))
         .chain(always.into_iter().flatten())

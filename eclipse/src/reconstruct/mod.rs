@@ -21,4 +21,4 @@ pub mod sky;
 pub mod surface;
 pub mod transport;
 
-pub use run::{check_light, ReconstructError, memory, photometric, run};
+pub use run::{ReconstructError, check_light, memory, photometric, run};

@@ -55,7 +55,10 @@ impl Effect for AmbientLight {
                     rgb[c] = unit * scene.albedo_of(v)[c] * 0.5 * (1.0 + normal.dot(middle));
                     rgb
                 });
-                let name = format!("{} light from {name} (share of the middle value)", colours[c]);
+                let name = format!(
+                    "{} light from {name} (share of the middle value)",
+                    colours[c]
+                );
                 Term::new(name, 0.05, field).positive()
             })
             .collect()

@@ -1,7 +1,10 @@
 //! A constant that the sensor adds to every value.
 
 use super::{Effect, Stage, Term, camera_map::CameraMap};
-use crate::{capture::Capture, criticism::{light::Light, scene::Scene}};
+use crate::{
+    capture::Capture,
+    criticism::{light::Light, scene::Scene},
+};
 
 /// + b_c.
 pub struct BlackLevel;

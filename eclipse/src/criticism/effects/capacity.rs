@@ -177,8 +177,8 @@ impl Effect for FinerLamps {
         }
         let positions: Vec<Vec3> = scene.seen.sites.iter().map(|s| s.point.position).collect();
         let parts = Bumps::new(&positions, LAMP_PARTS, 1.0);
-        let frames = (0..scene.seen.frames as u32)
-            .flat_map(|t| (0..parts.bumps).map(move |part| (t, part)));
+        let frames =
+            (0..scene.seen.frames as u32).flat_map(|t| (0..parts.bumps).map(move |part| (t, part)));
         frames
             .map(|(t, part)| {
                 let field = scene.on_views(|v| {

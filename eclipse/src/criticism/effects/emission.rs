@@ -1,7 +1,7 @@
 //! Light that the object itself gives off.
 
 use super::{Effect, Stage, Term};
-use crate::criticism::{light::Light, formation::Bumps, scene::Scene};
+use crate::criticism::{formation::Bumps, light::Light, scene::Scene};
 
 /// + e(x) ≥ 0: a colour everywhere, and more or less of it around points of the surface.
 pub struct Emission;

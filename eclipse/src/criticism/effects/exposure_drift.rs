@@ -3,7 +3,10 @@
 use autodiff::Var;
 
 use super::{Effect, Recorded, Stage, Term, camera_map::CameraMap, weighted};
-use crate::{capture::Capture, criticism::{light::Light, scene::Scene}};
+use crate::{
+    capture::Capture,
+    criticism::{light::Light, scene::Scene},
+};
 
 /// e^{g_t,c}: a gain of each frame, and two of its colours.
 pub struct ExposureDrift;

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use render::math::Frame;
 
 use super::{Effect, Stage, Term};
-use crate::criticism::{light::Light, formation::Bumps, scene::Scene, transport::reflect};
+use crate::criticism::{formation::Bumps, light::Light, scene::Scene, transport::reflect};
 
 /// δn(x), tangent to the surface, smooth over parts of it.
 pub struct NormalError;
@@ -40,8 +40,10 @@ impl Effect for NormalError {
                 let axes = Frame::new(normal);
                 let outgoing = scene.outgoing(v);
                 let albedo = scene.albedo_of(v);
-                let row: Vec<(usize, f32, Vec3)> =
-                    scene.horizon.row(scene.seen, &scene.seen.views[v]).collect();
+                let row: Vec<(usize, f32, Vec3)> = scene
+                    .horizon
+                    .row(scene.seen, &scene.seen.views[v])
+                    .collect();
                 [axes.tangent, axes.bitangent].map(|along: Vec3| {
                     let (plus, minus) = (
                         (normal + STEP * along).normalize(),

@@ -3,7 +3,10 @@
 use autodiff::Var;
 
 use super::{Effect, Recorded, Stage, Term, camera_map::CameraMap};
-use crate::{capture::Capture, criticism::{light::Light, scene::Scene}};
+use crate::{
+    capture::Capture,
+    criticism::{light::Light, scene::Scene},
+};
 
 /// I · exp(γ₁ u + γ₂ u² + γ₃ u³) with u = ln(I / I₀): the first mode is I^{1+γ}, the others bend it.
 pub struct ResponseCurve;

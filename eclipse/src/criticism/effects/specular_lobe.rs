@@ -4,7 +4,8 @@ use rayon::prelude::*;
 
 use super::{Effect, Stage, Term};
 use crate::criticism::{
-    light::Light, scene::Scene,
+    light::Light,
+    scene::Scene,
     transport::{Lobe, reflect},
 };
 

@@ -9,9 +9,12 @@ use render::image::Image;
 use super::{
     Effect, Recorded, Stage, Term,
     camera_map::CameraMap,
-    support::{blurred, sample},
+    support::{sample, widely_blurred},
 };
-use crate::{capture::Capture, criticism::{light::Light, scene::Scene}};
+use crate::{
+    capture::Capture,
+    criticism::{light::Light, scene::Scene},
+};
 
 /// (1 − k) I + k · PSF ∗ I for three widths of the point-spread function; the field holds PSF ∗ I.
 pub struct VeilingGlare;
@@ -98,6 +101,6 @@ impl Effect for VeilingGlare {
 fn veils(capture: &Capture, share: f32) -> Vec<Image> {
     let frames = capture.frames.iter();
     frames
-        .map(|f| blurred(&f.image, share * f.image.width as f32))
+        .map(|f| widely_blurred(&f.image, share * f.image.width as f32))
         .collect()
 }

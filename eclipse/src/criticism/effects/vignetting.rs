@@ -5,7 +5,10 @@ use glam::Vec2;
 use render::camera::Camera;
 
 use super::{Effect, Recorded, Stage, Term, camera_map::CameraMap, weighted};
-use crate::{capture::Capture, criticism::{light::Light, scene::Scene}};
+use crate::{
+    capture::Capture,
+    criticism::{light::Light, scene::Scene},
+};
 
 /// 1 + a r² + b r⁴, with r = 1 in the corners.
 pub struct Vignetting;
