@@ -202,7 +202,10 @@ pub(super) fn diagnose(
         }
         other => other.map_err(Failure::failed)?,
     };
-    outcome.diagnosis.command = reconstruction_with(job.capture, &outcome.diagnosis);
+    // Where the lamps are known there is nothing to reconstruct.
+    if capture.lamps.is_none() {
+        outcome.diagnosis.command = reconstruction_with(job.capture, &outcome.diagnosis);
+    }
     inspect(&outcome).map_err(Failure::failed)?;
     if let Some(folder) = job.out {
         page::write(folder, &outcome).map_err(Failure::failed)?;

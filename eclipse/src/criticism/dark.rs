@@ -44,13 +44,14 @@ pub fn background(capture: &Capture) -> Vec<Dark> {
                 if !near && (bx + 2 * by + t) % 4 != 0 {
                     continue;
                 }
-                let values = [0, 1, 2].map(|c| {
+                let values: [Vec<f64>; 3] = [0, 1, 2].map(|c| {
                     pixels
                         .iter()
                         .map(|&p| f64::from(image.data[3 * p + c]))
                         .collect()
                 });
-                if mean_of(image, |p| pixels.contains(&p)) > 0.2 * object {
+                let sum: f64 = values.iter().flatten().sum();
+                if sum > 0.2 * object * (3 * pixels.len()) as f64 {
                     bright += 1;
                 }
                 blocks.push((t as u32, [bx, by], size, values));

@@ -9,23 +9,22 @@ use std::{
 use super::atomic::PREFIX;
 use crate::layout::{MATERIALS, OCCLUDERS, RENDERS};
 
-/// The file that is locked. It stays: only the lock on it means anything, and the system gives that back however a run ends.
+/// The file that is locked. A killed run leaves it, which does no harm: only the lock on it means anything, and the system gives
+/// that back however a run ends.
 pub(super) const NAME: &str = ".lock";
 
 /// The right to write to a folder, until it is dropped.
 #[derive(Debug)]
 pub struct Lock {
     file: File,
-    /// Of a lock beside its folder: the file, which goes with the lock.
-    beside: Option<PathBuf>,
+    /// The file goes with the lock.
+    path: PathBuf,
 }
 
 impl Drop for Lock {
     fn drop(&mut self) {
-        if let Some(path) = &self.beside {
-            // Removed while it is still held: whoever waits finds that the file they opened is gone.
-            let _ = fs::remove_file(path);
-        }
+        // Removed while it is still held: whoever waits finds that the file they opened is gone.
+        let _ = fs::remove_file(&self.path);
         let _ = self.file.unlock();
     }
 }
@@ -64,17 +63,20 @@ impl Lock {
         {
             fs::create_dir_all(parent).map_err(failed)?;
         }
+        Self::take(folder, path)
+    }
+
+    fn take(folder: &Path, path: PathBuf) -> Result<Self, LockError> {
         loop {
-            let mut lock = Self::take(folder, path.clone())?;
+            let lock = Self::once(folder, path.clone())?;
             // The file that was opened may have been removed by its owner before it was locked.
             if same(&lock.file, &path) {
-                lock.beside = Some(path);
                 return Ok(lock);
             }
         }
     }
 
-    fn take(folder: &Path, path: PathBuf) -> Result<Self, LockError> {
+    fn once(folder: &Path, path: PathBuf) -> Result<Self, LockError> {
         let failed = |source| LockError::Io {
             path: path.clone(),
             source,
@@ -106,7 +108,7 @@ impl Lock {
             file.write_all(owner.as_bytes())
         });
         named.map_err(failed)?;
-        Ok(Self { file, beside: None })
+        Ok(Self { file, path })
     }
 }
 

@@ -9,7 +9,7 @@ use render::image::Image;
 use super::{
     Effect, Recorded, Stage, Term,
     camera_map::CameraMap,
-    support::{blurred, sample},
+    support::{sample, widely_blurred},
 };
 use crate::{
     capture::Capture,
@@ -101,6 +101,6 @@ impl Effect for VeilingGlare {
 fn veils(capture: &Capture, share: f32) -> Vec<Image> {
     let frames = capture.frames.iter();
     frames
-        .map(|f| blurred(&f.image, share * f.image.width as f32))
+        .map(|f| widely_blurred(&f.image, share * f.image.width as f32))
         .collect()
 }
