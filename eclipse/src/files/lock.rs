@@ -7,7 +7,7 @@ use std::{
 };
 
 use super::atomic::PREFIX;
-use crate::layout::{MATERIALS, OCCLUDERS, RENDERS};
+use crate::layout::{ALBEDO_SD, MATERIALS, OCCLUDERS, OCCLUDERS_SD, RENDERS};
 
 /// The file that is locked. A killed run leaves it, which does no harm: only the lock on it means anything, and the system gives
 /// that back however a run ends.
@@ -130,7 +130,8 @@ fn same(_file: &File, _path: &Path) -> bool {
 ///
 /// Other folders may have a writer of their own.
 fn sweep(folder: &Path) -> io::Result<()> {
-    let inner = [OCCLUDERS, MATERIALS, RENDERS].map(|name| folder.join(name));
+    let inner =
+        [ALBEDO_SD, MATERIALS, OCCLUDERS, OCCLUDERS_SD, RENDERS].map(|name| folder.join(name));
     for folder in [folder.to_owned()].into_iter().chain(inner) {
         let entries = match fs::read_dir(&folder) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => continue,

@@ -1,9 +1,10 @@
 //! A whole reconstruction: noise, stages coarse to fine, materials and images, scores and remarks.
 
-use std::{collections::BTreeMap, path::PathBuf, time::Instant};
+use std::{collections::BTreeMap, time::Instant};
 
-use render::{bvh::Bvh, image::Image, lat_long::LatLong, mesh::MeshError};
+use render::{bvh::Bvh, image::Image, lat_long::LatLong};
 
+mod error;
 mod evidence;
 mod frames;
 mod plan;
@@ -12,6 +13,7 @@ mod schedule;
 mod state;
 mod uncertainty;
 
+pub use error::ReconstructError;
 use frames::Frames;
 use plan::Plan;
 use round::RoundStart;
@@ -22,8 +24,7 @@ use super::{
     finish::{self, Found},
     hold_out,
     model::Shared,
-    noise,
-    paper::{self, PaperError},
+    noise, paper,
     patches::Observations,
     shading::Masks,
     surface::Surface,
@@ -228,54 +229,6 @@ pub fn memory(capture: &Capture, settings: &Settings) -> u64 {
             Plan::new(capture, settings, &LEGS[LEGS.len() - 1].stage).bytes(capture, settings)
         }
         Preset::Paper => paper::memory(capture, settings),
-    }
-}
-
-/// Why a reconstruction could not be made.
-#[derive(Debug, thiserror::Error)]
-pub enum ReconstructError {
-    /// Nothing is unknown of the light.
-    #[error(
-        "the lamps of {path} are known (`lamp` in transforms.json): reconstruct looks for unknown light and has nothing to find here; \
-         to compare the photographs with their simulation, run: eclipse diagnose {path}", path = path.display()
-    )]
-    KnownLamps {
-        /// The capture.
-        path: PathBuf,
-    },
-    /// The mesh cannot be traced.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-    /// No pixel is fit to be used.
-    #[error(
-        "no pixel of any photograph can be fitted; expected pixels wholly inside the masks, lit, on surface that faces the \
-         camera: check the masks and the exposure, or lower --hold-out's share"
-    )]
-    NothingToFit,
-    /// The tape did not compile.
-    #[error("the solver failed: {0}; please report this with the capture")]
-    Graph(#[from] autodiff::GraphError),
-    /// The tape refused its input.
-    #[error("the solver failed: {0}; please report this with the capture")]
-    Tape(#[from] autodiff::RunError),
-    /// The paper's algorithm failed.
-    #[error(transparent)]
-    Paper(#[from] PaperError),
-    /// The state could not be saved or used.
-    #[error(transparent)]
-    Checkpoint(#[from] CheckpointError),
-}
-
-/// Refuses captures whose light is known.
-///
-/// # Errors
-/// [`ReconstructError::KnownLamps`].
-pub fn check_light(capture: &Capture) -> Result<(), ReconstructError> {
-    match capture.lamps {
-        None => Ok(()),
-        Some(_) => Err(ReconstructError::KnownLamps {
-            path: capture.path.clone(),
-        }),
     }
 }
 

@@ -1,0 +1,57 @@
+//! Why a reconstruction could not be made.
+
+use std::path::PathBuf;
+
+use render::mesh::MeshError;
+
+use crate::checkpoint::CheckpointError;
+
+use super::super::paper::PaperError;
+
+/// Why a reconstruction could not be made.
+#[derive(Debug, thiserror::Error)]
+pub enum ReconstructError {
+    /// Nothing is unknown of the light.
+    #[error(
+        "the lamps of {path} are known (`lamp` in transforms.json): reconstruct looks for unknown light and has nothing to find here; \
+         to compare the photographs with their simulation, run: eclipse diagnose {path}", path = path.display()
+    )]
+    KnownLamps {
+        /// The capture.
+        path: PathBuf,
+    },
+    /// The mesh cannot be traced.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+    /// No pixel is fit to be used.
+    #[error(
+        "no pixel of any photograph can be fitted; expected pixels wholly inside the masks, lit, on surface that faces the \
+         camera: check the masks and the exposure, or lower --hold-out's share"
+    )]
+    NothingToFit,
+    /// The tape did not compile.
+    #[error("the solver failed: {0}; please report this with the capture")]
+    Graph(#[from] autodiff::GraphError),
+    /// The tape refused its input.
+    #[error("the solver failed: {0}; please report this with the capture")]
+    Tape(#[from] autodiff::RunError),
+    /// The paper's algorithm failed.
+    #[error(transparent)]
+    Paper(#[from] PaperError),
+    /// The state could not be saved or used.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
+}
+
+/// Refuses captures whose light is known.
+///
+/// # Errors
+/// [`ReconstructError::KnownLamps`].
+pub fn check_light(capture: &Capture) -> Result<(), ReconstructError> {
+    match capture.lamps {
+        None => Ok(()),
+        Some(_) => Err(ReconstructError::KnownLamps {
+            path: capture.path.clone(),
+        }),
+    }
+}
