@@ -232,6 +232,19 @@ pub fn memory(capture: &Capture, settings: &Settings) -> u64 {
     }
 }
 
+/// Refuses captures whose light is known.
+///
+/// # Errors
+/// [`ReconstructError::KnownLamps`].
+pub fn check_light(capture: &Capture) -> Result<(), ReconstructError> {
+    match capture.lamps {
+        None => Ok(()),
+        Some(_) => Err(ReconstructError::KnownLamps {
+            path: capture.path.clone(),
+        }),
+    }
+}
+
 /// What every step of a run shares.
 struct Run<'a> {
     capture: &'a Capture,

@@ -42,16 +42,3 @@ pub enum ReconstructError {
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
 }
-
-/// Refuses captures whose light is known.
-///
-/// # Errors
-/// [`ReconstructError::KnownLamps`].
-pub fn check_light(capture: &Capture) -> Result<(), ReconstructError> {
-    match capture.lamps {
-        None => Ok(()),
-        Some(_) => Err(ReconstructError::KnownLamps {
-            path: capture.path.clone(),
-        }),
-    }
-}
