@@ -267,12 +267,13 @@ fn true_lamps_have_nothing_missing() {
             lit_ball::to_eight_bits(&mut capture);
         }
         let d = diagnosed(&capture).diagnosis;
-        assert_eq!(
-            d.verdict,
-            Verdict::NothingMissing,
-            "{bits} bits: {}",
-            d.sentence
-        );
+        assert!(d.effects.is_empty(), "{bits} bits: {}", d.sentence);
+        // Rounding to eight bits is not noise: levels of the dark parts repeat, and small structure may be left that no effect has.
+        let modest = match bits {
+            16 => d.verdict == Verdict::NothingMissing,
+            _ => matches!(d.verdict, Verdict::NothingMissing | Verdict::Underpowered),
+        };
+        assert!(modest, "{bits} bits: {:?}, {}", d.verdict, d.sentence);
     }
 }
 

@@ -40,7 +40,13 @@ pub fn write(folder: &Path, evidence: &Evidence) -> Result<(), StudyError> {
 fn write_figure(folder: &Path, figure: &Figure) -> Result<String, StudyError> {
     let name = &figure.name;
     let caption = text::escaped(&figure.caption);
+    let title = text::escaped(&figure.name.replace('-', " "));
     let (shown, data) = match &figure.content {
+        Content::Chart(chart) if chart.series.iter().all(|s| s.points.is_empty()) => {
+            return Ok(format!(
+                "<h2>{title}</h2>\n<p>Not drawn: nothing was measured here.</p>\n"
+            ));
+        }
         Content::Chart(chart) => {
             let svg = plot::svg(name, chart)?;
             put(&folder.join(format!("{name}.svg")), svg.as_bytes())?;
@@ -67,8 +73,7 @@ fn write_figure(folder: &Path, figure: &Figure) -> Result<String, StudyError> {
     };
     put(&folder.join(format!("{name}.csv")), data.as_bytes())?;
     Ok(format!(
-        "<h2>{}</h2>\n<p>{caption}</p>\n{shown}\n<p><small>Data: {name}.csv</small></p>\n",
-        text::escaped(&figure.name.replace('-', " "))
+        "<h2>{title}</h2>\n<p>{caption}</p>\n{shown}\n<p><small>Data: {name}.csv</small></p>\n"
     ))
 }
 

@@ -32,7 +32,7 @@ pub(super) fn svg(name: &str, chart: &Chart) -> Result<String, StudyError> {
     let mut text = String::new();
     let drawn = {
         let root = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
-        let (x, y) = (&chart.x.range, &chart.y.range);
+        let (x, y) = (drawable(&chart.x), drawable(&chart.y));
         // The kinds of axes differ in type.
         match (chart.x.logarithmic, chart.y.logarithmic) {
             (false, false) => draw(&root, chart, x[0]..x[1], y[0]..y[1]),
@@ -128,9 +128,30 @@ fn legend(
     Ok(())
 }
 
+/// The range of an axis, or one that can be drawn in its place: ends that are apart, finite and, where logarithms are taken,
+/// positive. A logarithmic axis from zero would have no end of marks.
+fn drawable(axis: &Axis) -> [f64; 2] {
+    let [a, b] = axis.range;
+    if axis.logarithmic {
+        let sound = |v: f64| v.is_finite() && v > 0.0;
+        return match (sound(a), sound(b)) {
+            (true, true) if a != b => [a, b],
+            (true, _) => [a, 10.0 * a],
+            (false, true) => [1e-3 * b, b],
+            (false, false) => [1e-3, 1.0],
+        };
+    }
+    match (a.is_finite(), b.is_finite()) {
+        (true, true) if a != b => [a, b],
+        (true, _) => [a, a + 1.0],
+        (false, true) => [b - 1.0, b],
+        (false, false) => [0.0, 1.0],
+    }
+}
+
 /// Whether a value can be drawn: a logarithm needs positive ones, and what lies outside would be drawn over the words.
 fn within(value: f64, axis: &Axis) -> bool {
-    let [a, b] = axis.range;
+    let [a, b] = drawable(axis);
     value >= a.min(b) && value <= a.max(b)
 }
 
@@ -165,6 +186,27 @@ mod tests {
         pairs
             .map(|p| p.split(',').nth(1).unwrap().parse().unwrap())
             .collect()
+    }
+
+    #[test]
+    fn axes_without_a_sound_range_are_drawn_all_the_same() {
+        for range in [
+            [0.0, 1.0],
+            [0.0, 0.0],
+            [f64::NAN, 2.0],
+            [1.0, f64::INFINITY],
+            [3.0, 3.0],
+        ] {
+            for axis in [Axis::linear("σ", range), Axis::logarithmic("σ", range)] {
+                let mut chart = chart(false, vec![[0.0, 1.0], [1.0, 2.0]]);
+                chart.y = axis;
+                let drawn = svg("test", &chart).unwrap();
+                assert!(
+                    drawn.len() < 100_000 && drawn.contains("</svg>"),
+                    "{range:?}"
+                );
+            }
+        }
     }
 
     #[test]
