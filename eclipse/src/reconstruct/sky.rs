@@ -137,9 +137,16 @@ impl SkyModel {
 
     /// The change along `v` of what passes.
     pub(super) fn push(&self, at: &mut SkyAt, v: &[f32]) -> Vec<f32> {
+        let mut change = self.change(at, v);
+        through_tents(at.grid, &mut change);
+        change
+    }
+
+    /// The change along `v` of the masks themselves.
+    pub(super) fn change(&self, at: &mut SkyAt, v: &[f32]) -> Vec<f32> {
         let bug = "a direction of the model's own size";
-        let mut change = match self {
-            Self::Clear => return Vec::new(),
+        match self {
+            Self::Clear => Vec::new(),
             Self::Cutout(model) => {
                 let (silhouette, frames) = v.split_at(model.pyramid.len());
                 model
@@ -166,14 +173,12 @@ impl SkyModel {
                     .expect("an output of the model")
                     .to_vec()
             }
-        };
-        at.soften(&mut change);
-        change
+        }
     }
 
     /// The gradient of what has the gradient `passed` with respect to what passes.
     pub(super) fn pull(&self, at: &mut SkyAt, mut passed: Vec<f32>) -> Vec<f32> {
-        at.soften(&mut passed);
+        through_tents(at.grid, &mut passed);
         let masks = passed;
         let bug = "a cotangent of the model's own size";
         match self {
@@ -217,23 +222,26 @@ impl SkyModel {
 
 impl SkyAt {
     fn new(grid: LatLong, masks: Vec<f32>, entry: Option<Vec<u32>>, ws: Workspace<f32>) -> Self {
-        let mut at = Self {
-            passed: masks.clone(),
+        let mut passed = masks.clone();
+        through_tents(grid, &mut passed);
+        Self {
             masks,
+            passed,
             grid,
             entry,
             ws,
-        };
-        let mut passed = std::mem::take(&mut at.passed);
-        at.soften(&mut passed);
-        Self { passed, ..at }
+        }
     }
+}
 
-    /// The operator from transmittance to what passes, which is its own transpose.
-    fn soften(&self, values: &mut [f32]) {
-        let frames = values.len() / self.grid.len();
-        soften(self.grid, self.grid.rows / MASK_SIDE, frames, values);
-    }
+/// The operator from transmittance to what passes, which is its own transpose.
+fn through_tents(grid: LatLong, values: &mut [f32]) {
+    soften(
+        grid,
+        grid.rows / MASK_SIDE,
+        values.len() / grid.len(),
+        values,
+    );
 }
 
 impl CutoutModel {

@@ -66,7 +66,7 @@ impl At<'_> {
     pub fn mask_change(&mut self, v: &[f32]) -> Vec<f32> {
         self.sky
             .as_mut()
-            .map_or(Vec::new(), |sky| self.shared.sky.push(sky, v))
+            .map_or(Vec::new(), |sky| self.shared.sky.change(sky, v))
     }
 }
 
@@ -85,13 +85,12 @@ impl Linearisation for At<'_> {
 
     fn jvp(&mut self, v: &[f32]) -> Vec<f32> {
         let [environment, occluders] = self.shared.ranges();
-        let mask = self.mask_change(&v[occluders]);
-        let groups = match mask.is_empty() {
-            true => 0,
-            false => self.shared.shells.groups.len(),
-        };
-        let masks: Vec<(String, Vec<f32>)> = (0..groups)
-            .map(|g| (named("mask", g), self.shared.columns(&mask, g)))
+        let mask = self
+            .sky
+            .as_mut()
+            .map(|sky| self.shared.sky.push(sky, &v[occluders]));
+        let masks: Vec<(String, Vec<f32>)> = (0..self.shared.shells.groups.len())
+            .filter_map(|g| Some((named("mask", g), self.shared.columns(mask.as_ref()?, g))))
             .collect();
         let mut direction = vec![("environment", &v[environment])];
         direction.extend(
