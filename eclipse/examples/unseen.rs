@@ -109,23 +109,14 @@ fn room() -> Image {
 
 /// A smooth object that faces every way.
 fn pebble() -> Mesh {
-    const ROWS: u32 = 64;
-    let mut mesh = Mesh::default();
-    for row in 0..=ROWS {
-        for column in 0..2 * ROWS {
-            let d = LatLong::direction(column as f32 / (2 * ROWS) as f32, row as f32 / ROWS as f32);
-            let bump = 1.0 + 0.12 * (3.0 * d.x + 1.0).sin() * (4.0 * d.y).cos();
-            mesh.positions.push(bump * d * Vec3::new(1.0, 0.9, 0.8));
-        }
+    let mut mesh = Mesh::sphere(Vec3::ZERO, 1.0, 64);
+    for position in &mut mesh.positions {
+        let d = *position;
+        let bump = 1.0 + 0.12 * (3.0 * d.x + 1.0).sin() * (4.0 * d.y).cos();
+        *position = bump * d * Vec3::new(1.0, 0.9, 0.8);
     }
-    let at = |row: u32, column: u32| row * 2 * ROWS + column % (2 * ROWS);
-    for row in 0..ROWS {
-        for column in 0..2 * ROWS {
-            let [a, b] = [at(row, column), at(row, column + 1)];
-            let [c, d] = [at(row + 1, column), at(row + 1, column + 1)];
-            mesh.faces.extend([[a, c, d], [a, d, b]]);
-        }
-    }
+    // The ball's normals are no longer right; they are made anew from the faces.
+    mesh.normals.clear();
     mesh
 }
 

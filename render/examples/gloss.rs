@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let path = std::env::args()
         .nth(1)
         .unwrap_or_else(|| "target/gloss.png".to_owned());
-    let bvh = Bvh::new(&ball())?;
+    let bvh = Bvh::new(&Mesh::sphere(Vec3::ZERO, 1.0, 96))?;
     let grid = LatLong::new(50, 100);
     let environment = EnvironmentMap::new(map(grid, room))?;
     let somebody = map(grid, |d| [passes(d); 3]);
@@ -121,27 +121,6 @@ fn map(grid: LatLong, value: impl Fn(Vec3) -> [f32; 3]) -> Image {
         }
     }
     image
-}
-
-fn ball() -> Mesh {
-    const ROWS: u32 = 96;
-    let mut mesh = Mesh::default();
-    for row in 0..=ROWS {
-        for column in 0..2 * ROWS {
-            let d = LatLong::direction(column as f32 / (2 * ROWS) as f32, row as f32 / ROWS as f32);
-            mesh.positions.push(d);
-            mesh.normals.push(d);
-        }
-    }
-    let at = |row: u32, column: u32| row * 2 * ROWS + column % (2 * ROWS);
-    for row in 0..ROWS {
-        for column in 0..2 * ROWS {
-            let [a, b] = [at(row, column), at(row, column + 1)];
-            let [c, d] = [at(row + 1, column), at(row + 1, column + 1)];
-            mesh.faces.extend([[a, c, d], [a, d, b]]);
-        }
-    }
-    mesh
 }
 
 fn srgb(linear: f32) -> u8 {

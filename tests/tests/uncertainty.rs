@@ -8,7 +8,7 @@ use eclipse::{
     output,
     reconstruct::{
         detail::Data,
-        fast::{self, Problem, Stage, Start},
+        fast::{self, Prepared, Problem, Stage, Start},
         laplace::{Effort, Part},
         least_squares::Linearisation,
         model::Shared,
@@ -62,8 +62,11 @@ impl Small {
         };
         let grid = LatLong::new(STAGE.rows, 2 * STAGE.rows);
         let surface = Surface::new(&bvh, &capture.frames, &noise, grid, 400, 0, &|_, _| true);
-        let (observations, shared) =
-            fast::prepare(&problem, &surface, &STAGE, &|_, _| true).unwrap();
+        let Prepared {
+            observations,
+            shared,
+            ..
+        } = fast::prepare(&problem, &surface, &STAGE, &|_, _| true).unwrap();
         let mut stream = SampleKey::default().stream();
         let truth: Vec<f32> = (0..shared.parameters())
             .map(|_| 0.4 * stream.normal())

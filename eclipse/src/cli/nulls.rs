@@ -9,18 +9,13 @@ use std::{
 use clap::Args;
 use serde::Serialize;
 
-use super::{
-    Failure, Outcome, diagnose, print,
-    shown::{self, ProgressArguments},
-    stop_on_interrupt, units,
-};
+use super::{Failure, Outcome, cases::CaseArguments, diagnose, shown, stop_on_interrupt};
 use crate::{
     capture::{self, Capture, LoadOptions},
     criticism::{nulls, study_scores::Case},
     files::lock::Lock,
     output,
     progress::Style,
-    settings::Settings,
     synthesize,
 };
 
@@ -40,17 +35,8 @@ pub(super) struct NullsArguments {
     /// Folder for the captures and a page for each.
     #[arg(long, value_name = "DIR", default_value = "out/nulls")]
     pub out: PathBuf,
-    /// Time for each diagnosis.
-    #[arg(long, value_name = "TIME", value_parser = units::duration, default_value = "8m")]
-    pub time_limit: f64,
-    /// Threads; results do not depend on it [default: all].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub threads: Option<u16>,
-    /// Print JSON.
-    #[arg(long)]
-    pub json: bool,
     #[command(flatten)]
-    pub progress: ProgressArguments,
+    pub cases: CaseArguments,
 }
 
 /// What the study found.
@@ -74,7 +60,7 @@ pub(super) fn run(
     let stop = stop_on_interrupt()?;
     output::prepare(&arguments.out).map_err(Failure::failed)?;
     let _lock = Lock::acquire(&arguments.out).map_err(Failure::failed)?;
-    let style = arguments.progress.style(false);
+    let style = arguments.cases.progress.style(false);
     let (mut cases, mut by_structure) = (Vec::new(), BTreeMap::new());
     let Some(bases) = bases(arguments, stop)? else {
         return Ok(Outcome::Interrupted);
@@ -93,19 +79,8 @@ pub(super) fn run(
                 structure.derive(&mut derived);
                 capture::write(&folder, &derived).map_err(Failure::failed)?;
             }
-            let job = diagnose::Job {
-                capture: &folder,
-                reconstruction: None,
-                out: Some(&arguments.out.join(&name)),
-                time_limit: arguments.time_limit,
-                effects: &[],
-                mesh: None,
-                seed: 0,
-                threads: arguments
-                    .threads
-                    .map_or(Settings::default().threads, usize::from),
-                style: arguments.progress.style_of_part(),
-            };
+            let page = arguments.out.join(&name);
+            let job = arguments.cases.job(&folder, None, Some(&page));
             let Some(diagnosis) = diagnose::diagnose(&job, stop, &mut |_| Ok(()))? else {
                 return Ok(Outcome::Interrupted);
             };
@@ -120,12 +95,7 @@ pub(super) fn run(
         }
     }
     let found = Found::new(by_structure, cases);
-    let text = if arguments.json {
-        serde_json::to_string_pretty(&found).map_err(Failure::failed)? + "\n"
-    } else {
-        found.text()
-    };
-    print(out, &text)?;
+    arguments.cases.print(out, &found, Found::text)?;
     Ok(Outcome::Done)
 }
 
@@ -154,7 +124,7 @@ fn bases(
     for seed in arguments.seed..arguments.seed.saturating_add(arguments.scenes) {
         let folder: PathBuf = arguments.out.join("bases").join(format!("scene-{seed}"));
         if !is_filled(&folder) {
-            shown::tell(arguments.progress.style(false))(&format!("rendering scene {seed}"));
+            shown::tell(arguments.cases.progress.style(false))(&format!("rendering scene {seed}"));
             let (scene, shooting) = nulls::scenes::scene(seed);
             let go_on = |_| !stop.load(std::sync::atomic::Ordering::Relaxed);
             let photographs = match synthesize::synthesize(&scene, &shooting, go_on) {

@@ -10,13 +10,13 @@ use clap::{Args, Subcommand};
 use serde::Deserialize;
 
 use super::{
-    Failure, Outcome, diagnose,
+    Failure, Outcome,
+    cases::CaseArguments,
+    diagnose,
     nulls::{self, NullsArguments},
-    print,
     shown::ProgressArguments,
     stop_on_interrupt,
     studies::{self, PaperStudy},
-    units,
 };
 use crate::{
     criticism::{
@@ -27,7 +27,6 @@ use crate::{
     files::{lock::Lock, read_limited},
     output,
     progress::{Event, Lines, Style},
-    settings::Settings,
 };
 
 /// Largest file of labels.
@@ -65,25 +64,16 @@ pub(super) struct MismatchArguments {
     /// Only captures whose name contains this.
     #[arg(long, value_name = "TEXT")]
     pub only: Option<String>,
-    /// Time for each capture.
-    #[arg(long, value_name = "TIME", value_parser = units::duration, default_value = "8m")]
-    pub time_limit: f64,
-    /// Threads; results do not depend on it [default: all].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub threads: Option<u16>,
-    /// Print JSON.
-    #[arg(long)]
-    pub json: bool,
     #[command(flatten)]
-    pub progress: ProgressArguments,
+    pub cases: CaseArguments,
 }
 
 impl StudyArguments {
     /// How the work is shown.
     pub(super) fn progress(&self) -> &ProgressArguments {
         match &self.command {
-            StudyCommand::Mismatch(arguments) => &arguments.progress,
-            StudyCommand::Nulls(arguments) => &arguments.progress,
+            StudyCommand::Mismatch(arguments) => &arguments.cases.progress,
+            StudyCommand::Nulls(arguments) => &arguments.cases.progress,
             StudyCommand::Paper(study) => &study.arguments().progress,
         }
     }
@@ -122,7 +112,7 @@ pub(super) fn run(
         Lock::acquire(folder).map_err(Failure::failed)
     };
     let _lock = arguments.out.as_ref().map(lock).transpose()?;
-    let style = arguments.progress.style(false);
+    let style = arguments.cases.progress.style(false);
     let lines = Lines::default();
     let mut cases = Vec::new();
     for (index, (name, label)) in labels.iter().enumerate() {
@@ -143,19 +133,11 @@ pub(super) fn run(
         }
         let own = |base: &Option<PathBuf>| base.as_ref().map(|base| base.join(name));
         let (reconstruction, page) = (own(&arguments.reconstructions), own(&arguments.out));
-        let job = diagnose::Job {
-            capture: &folder,
-            reconstruction: reconstruction.as_deref().filter(|r: &&Path| r.is_dir()),
-            out: page.as_deref(),
-            time_limit: arguments.time_limit,
-            effects: &[],
-            mesh: None,
-            seed: 0,
-            threads: arguments
-                .threads
-                .map_or(Settings::default().threads, usize::from),
-            style: arguments.progress.style_of_part(),
-        };
+        let job = arguments.cases.job(
+            &folder,
+            reconstruction.as_deref().filter(|r: &&Path| r.is_dir()),
+            page.as_deref(),
+        );
         let mut measure = None;
         let mut told = |outcome: &criticism::Outcome<'_>| {
             measure = yardstick(outcome, &label.effects)?;
@@ -176,12 +158,8 @@ pub(super) fn run(
             arguments.captures.display()
         )));
     }
-    let scores = Scores::new(cases);
-    let text = if arguments.json {
-        serde_json::to_string_pretty(&scores).map_err(Failure::failed)? + "\n"
-    } else {
-        scores.table()
-    };
-    print(out, &text)?;
+    arguments
+        .cases
+        .print(out, &Scores::new(cases), Scores::table)?;
     Ok(Outcome::Done)
 }

@@ -73,6 +73,16 @@ pub struct Problem<'a> {
     pub threads: usize,
 }
 
+/// What a stage works on.
+pub struct Prepared {
+    /// What every frame saw of the patches.
+    pub observations: Observations,
+    /// Which patch each site of the surface belongs to (see [`detail::patch_of_site`]).
+    pub patch_of_site: Vec<u32>,
+    /// The tape.
+    pub shared: Shared,
+}
+
 /// Prepares a stage on patches of `surface`.
 ///
 /// # Errors
@@ -82,7 +92,7 @@ pub fn prepare(
     surface: &Surface,
     stage: &Stage,
     used: &(dyn Fn(usize, u32) -> bool + Sync),
-) -> Result<(Observations, Shared), GraphError> {
+) -> Result<Prepared, GraphError> {
     let options = PatchOptions {
         count: stage.patches,
         members: stage.members,
@@ -98,8 +108,8 @@ pub fn prepare(
         used,
     );
     let grid = LatLong::new(stage.rows, 2 * stage.rows);
-    let of_site = detail::patch_of_site(surface, &observations);
-    let rows = surface.rows_of(problem.bvh, grid, &observations.patches, &of_site);
+    let patch_of_site = detail::patch_of_site(surface, &observations);
+    let rows = surface.rows_of(problem.bvh, grid, &observations.patches, &patch_of_site);
     let cameras = || frames.iter().map(|f| &f.camera);
     let (sky, shells) = match problem.occluders {
         None => (SkyModel::Clear, Shells::spheres(cameras())),
@@ -114,7 +124,11 @@ pub fn prepare(
         ),
     };
     let shared = Shared::new(grid, &rows, &observations, shells, sky, problem.threads)?;
-    Ok((observations, shared))
+    Ok(Prepared {
+        observations,
+        patch_of_site,
+        shared,
+    })
 }
 
 /// Carries a solution to a finer stage: coarse levels come first in the pyramid, occluders do not depend on the grid.

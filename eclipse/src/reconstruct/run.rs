@@ -20,7 +20,7 @@ use round::RoundStart;
 use schedule::{LEGS, Place, ROUND_DAMPING};
 
 use super::{
-    fast::{self, Problem, Stage, Start},
+    fast::{self, Prepared, Problem, Stage, Start},
     finish::{self, Found},
     hold_out,
     model::Shared,
@@ -114,7 +114,11 @@ pub fn run(
         stage.rows = stage.rows.min(settings.grid_rows);
         stage.patches = stage.patches.min(plan.patches);
         run.report("visibility of the surface", f64::NAN, 0.0);
-        let (observations, mut shared) = fast::prepare(&problem, &surface, &stage, &used)?;
+        let Prepared {
+            observations,
+            patch_of_site,
+            mut shared,
+        } = fast::prepare(&problem, &surface, &stage, &used)?;
         if observations.views.is_empty() {
             return Err(ReconstructError::NothingToFit);
         }
@@ -149,8 +153,14 @@ pub fn run(
                     Some(begun) if resumed => (&begun.z, lobe, None),
                     _ => (&from.z, None, lobe),
                 };
-                let (begun, data) =
-                    run.round(&surface, &shared, &observations, z, known, before)?;
+                let (begun, data) = run.round(
+                    &surface,
+                    &shared,
+                    (&observations, &patch_of_site),
+                    z,
+                    known,
+                    before,
+                )?;
                 shared.fit_to(&observations, &data);
                 run.round = Some(begun);
             }

@@ -1,7 +1,7 @@
 //! A texture finer than any patch of the model.
 
 use glam::{IVec3, Vec3};
-use render::{bvh::Bvh, sampler::SampleKey};
+use render::{bvh::Bvh, sampler::SampleKey, transport::footprint};
 
 use super::Structure;
 use crate::capture::Capture;
@@ -31,12 +31,7 @@ impl Structure for FineTexture {
         for frame in &mut capture.frames {
             let width = frame.image.width;
             for (p, pixel) in frame.image.data.chunks_exact_mut(3).enumerate() {
-                let (x, y) = ((p % width) as f32, (p / width) as f32);
-                let place = |k: usize| (k as f32 + 0.5) / SIDE as f32;
-                let seen: Vec<f32> = (0..SIDE * SIDE)
-                    .filter_map(|s| {
-                        bvh.seen(&frame.camera, x + place(s % SIDE), y + place(s / SIDE))
-                    })
+                let seen: Vec<f32> = footprint(&bvh, &frame.camera, [p % width, p / width], SIDE)
                     .map(|(point, _)| texture(point.position / cell))
                     .collect();
                 if !seen.is_empty() {

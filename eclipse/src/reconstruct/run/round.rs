@@ -27,7 +27,7 @@ impl Run<'_> {
         &self,
         surface: &Surface,
         shared: &Shared,
-        observations: &Observations,
+        (observations, patch_of_site): (&Observations, &[u32]),
         z: &[f32],
         known: Option<Lobe>,
         before: Option<Lobe>,
@@ -47,13 +47,12 @@ impl Run<'_> {
             scene.lobe = Some(known.unwrap_or_else(|| lobe::fit(&scene, surface)));
         }
         let predicted = at.predicted(observations)?;
-        let of = detail::patch_of_site(surface, observations);
         let data = detail::correct(
             surface,
             &scene,
             &self.noise,
             observations,
-            &of,
+            patch_of_site,
             &predicted,
             0.004,
         );
