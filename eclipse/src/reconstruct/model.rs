@@ -5,6 +5,7 @@
 
 mod at;
 mod fixed;
+mod lots;
 mod tape;
 
 use std::ops::Range;
@@ -15,8 +16,9 @@ use render::{lat_long::LatLong, pyramid::Pyramid};
 pub use at::At;
 pub(super) use fixed::MASK_SIDE;
 pub use fixed::mask_grid;
-use fixed::{Fixed, grouped};
-use tape::{CORNERS, WEIGHTS, coefficient, mixed_variances, named, record, steepness};
+use fixed::{Fixed, FixedLot, dealt};
+use lots::{Lots, WIDTH};
+use tape::{CORNERS, WEIGHTS, coefficient, mixed_variances, record, steepness};
 
 use super::{
     detail::Data, least_squares, patches::Observations, pyramid::level_deviations, shell::Shells,
@@ -46,6 +48,7 @@ pub struct Shared {
     pyramid: Pyramid,
     deviation: Vec<f32>,
     program: Program,
+    lots: Lots,
     fixed: Fixed,
 }
 
@@ -68,7 +71,8 @@ impl Shared {
             &pyramid,
             &ENVIRONMENT_DEVIATIONS[ENVIRONMENT_DEVIATIONS.len() - levels..],
         );
-        let fixed = Fixed::new(grid, rows, observations, &shells);
+        let lots = Lots::new(&shells);
+        let fixed = Fixed::new(grid, rows, observations, &lots);
         let count = observations.views.len().max(1) as f64;
         let mean = observations
             .views
@@ -87,8 +91,9 @@ impl Shared {
             threads,
             samples: fixed.texel.len() * shells.frames(),
             patches: observations.patches.len(),
-            program: record(&pyramid, shells.groups.len())?,
+            program: record(&pyramid)?,
             shells,
+            lots,
             pyramid,
             deviation,
             fixed,
@@ -104,9 +109,11 @@ impl Shared {
         observations: &Observations,
         shells: Shells,
     ) -> Result<Self, GraphError> {
+        let lots = Lots::new(&shells);
         Ok(Self {
-            fixed: self.fixed.repainted(self.grid, observations, &shells),
-            program: record(&self.pyramid, shells.groups.len())?,
+            fixed: self.fixed.repainted(self.grid, observations, &lots),
+            program: record(&self.pyramid)?,
+            lots,
             sky: SkyModel::Clear,
             shells,
             pyramid: self.pyramid.clone(),
@@ -196,25 +203,30 @@ impl Shared {
     pub fn linearise(&self, z: &[f32]) -> Result<(At<'_>, Vec<f32>), RunError> {
         let [environment, occluders] = self.ranges();
         let sky = self.sky.at(self.mask_grid(), &z[occluders])?;
-        let mut ws = self.bind(&z[environment], sky.as_ref().map(|at| at.passed.as_slice()))?;
+        let passed = sky.as_ref().map(|at| at.passed.as_slice());
+        let mut runs = self.bind(&z[environment], passed)?;
         let (half, ones) = (vec![0.5; self.albedos()], vec![1.0; self.albedos()]);
-        ws.set("albedo", &half)?;
-        self.program.jvp(&mut ws, &[("albedo", &ones)])?;
-        let by_albedo = self.joined(|name| ws.tangent(name))?;
+        for run in &mut runs {
+            run.set("albedo", &half)?;
+            self.program.jvp(run, &[("albedo", &ones)])?;
+        }
+        let by_albedo = joined(&runs, |run| run.tangent("residual"))?;
         let albedo = least_squares::best_albedo(
-            &self.joined(|name| ws.output(name))?,
+            &joined(&runs, |run| run.output("residual"))?,
             &by_albedo,
             &self.fixed.albedo_of,
             &half,
             self.albedo_precision,
         );
-        ws.set("albedo", &albedo)?;
-        self.program.forward(&mut ws)?;
-        let residual = self.joined(|name| ws.output(name))?;
+        for run in &mut runs {
+            run.set("albedo", &albedo)?;
+            self.program.forward(run)?;
+        }
+        let residual = joined(&runs, |run| run.output("residual"))?;
         Ok((
             At {
                 shared: self,
-                ws,
+                runs,
                 sky,
                 residual,
                 by_albedo,
@@ -223,77 +235,69 @@ impl Shared {
         ))
     }
 
-    /// The residuals of all groups of frames, one after the other.
-    fn joined<'w>(
-        &self,
-        part: impl Fn(&str) -> Result<&'w [f32], RunError>,
-    ) -> Result<Vec<f32>, RunError> {
-        let mut all = Vec::with_capacity(self.fixed.albedo_of.len());
-        for g in 0..self.shells.groups.len() {
-            all.extend_from_slice(part(&named("residual", g))?);
-        }
-        Ok(all)
-    }
-
-    /// The columns of one group of `[texel][frame]`.
-    fn columns(&self, masks: &[f32], group: usize) -> Vec<f32> {
-        let frames = &self.shells.groups[group].frames;
-        masks
-            .chunks_exact(self.shells.frames())
-            .flat_map(|of_texel| frames.iter().map(|&t| of_texel[t]))
-            .collect()
-    }
-
     /// Fits these values (linear RGB of every view) with these weights from here on; `observations` are those of
     /// [`Shared::new`].
     pub fn fit_to(&mut self, observations: &Observations, data: &Data) {
-        let group = |part: &dyn Fn(usize, usize) -> f32| {
-            grouped(&self.shells, self.patches, observations, part)
+        let dealt = |part: &dyn Fn(usize, usize) -> f32| {
+            dealt(&self.lots, self.patches, observations, part)
         };
-        let value = group(&|i, c| data.value[i][c]);
-        let weight = group(&|i, c| data.weight[i][c].sqrt());
-        for (group, (value, weight)) in self
+        let value = dealt(&|i, c| data.value[i][c]);
+        let weight = dealt(&|i, c| data.weight[i][c].sqrt());
+        for (lot, (value, weight)) in self
             .fixed
-            .groups
+            .lots
             .iter_mut()
             .zip(value.into_iter().zip(weight))
         {
-            group.value = value.into();
-            group.root_weight = weight.into();
+            lot.value = value.into();
+            lot.root_weight = weight.into();
         }
     }
 
-    fn bind(&self, environment: &[f32], masks: Option<&[f32]>) -> Result<Workspace<f32>, RunError> {
+    /// A run of the tape for each lot of frames.
+    fn bind(
+        &self,
+        environment: &[f32],
+        masks: Option<&[f32]>,
+    ) -> Result<Vec<Workspace<f32>>, RunError> {
         let fixed = &self.fixed;
-        let mut sizes = Sizes::new()
+        let sizes = Sizes::new()
             .lanes("level", self.pyramid.len())
             .lanes("texel", self.grid.len())
             .lanes("mask texel", self.mask_grid().len())
             .lanes("patch", self.patches)
             .offsets("direction", fixed.offsets.clone())
+            .axis("frame", WIDTH)
             .threads(self.threads);
-        for (g, group) in self.shells.groups.iter().enumerate() {
-            sizes = sizes.axis(&named("frame", g), group.frames.len());
-        }
-        let mut ws = self.program.workspace::<f32>(&sizes)?;
-        ws.set("environment", environment)?;
-        ws.set("deviation", &self.deviation)?;
-        ws.set("log radiance", &[self.log_radiance])?;
-        ws.bind_index("own texel", fixed.texel.clone())?;
-        ws.bind("transport", fixed.weight.clone())?;
-        for (g, group) in fixed.groups.iter().enumerate() {
+        let run = |(lot, inputs): (usize, &FixedLot)| {
+            let mut run = self.program.workspace::<f32>(&sizes)?;
+            run.set("environment", environment)?;
+            run.set("deviation", &self.deviation)?;
+            run.set("log radiance", &[self.log_radiance])?;
+            run.bind_index("own texel", fixed.texel.clone())?;
+            run.bind("transport", fixed.weight.clone())?;
             for k in 0..4 {
-                ws.bind_index(&named(CORNERS[k], g), group.corner[k].clone())?;
-                ws.bind(&named(WEIGHTS[k], g), group.corner_weight[k].clone())?;
+                run.bind_index(CORNERS[k], inputs.lookups.corner[k].clone())?;
+                run.bind(WEIGHTS[k], inputs.lookups.weight[k].clone())?;
             }
             let mask = match masks {
-                Some(masks) => self.columns(masks, g),
-                None => vec![1.0; self.mask_grid().len() * self.shells.groups[g].frames.len()],
+                Some(masks) => self.lots.columns(masks, lot),
+                None => vec![1.0; self.mask_grid().len() * WIDTH],
             };
-            ws.set(&named("mask", g), &mask)?;
-            ws.bind(&named("value", g), group.value.clone())?;
-            ws.bind(&named("root weight", g), group.root_weight.clone())?;
-        }
-        Ok(ws)
+            run.set("mask", &mask)?;
+            run.bind("value", inputs.value.clone())?;
+            run.bind("root weight", inputs.root_weight.clone())?;
+            Ok(run)
+        };
+        fixed.lots.iter().enumerate().map(run).collect()
     }
+}
+
+/// The residuals, or what belongs to them, of all lots one after the other.
+fn joined<'w>(
+    runs: &'w [Workspace<f32>],
+    part: impl Fn(&'w Workspace<f32>) -> Result<&'w [f32], RunError>,
+) -> Result<Vec<f32>, RunError> {
+    let parts = runs.iter().map(part).collect::<Result<Vec<_>, _>>()?;
+    Ok(parts.concat())
 }

@@ -4,18 +4,19 @@ use autodiff::{RunError, Workspace};
 
 use super::{
     super::{
-        least_squares::Linearisation,
+        least_squares::{Linearisation, add},
         patches::{Observations, View},
         sky::SkyAt,
     },
     Shared,
-    tape::named,
+    lots::WIDTH,
 };
 
 /// The model linearised at a point.
 pub struct At<'a> {
     pub(super) shared: &'a Shared,
-    pub(super) ws: Workspace<f32>,
+    /// A run of the tape for each lot of frames.
+    pub(super) runs: Vec<Workspace<f32>>,
     pub(super) sky: Option<SkyAt>,
     pub(super) residual: Vec<f32>,
     pub(super) by_albedo: Vec<f32>,
@@ -28,15 +29,12 @@ impl At<'_> {
     /// As [`Shared::masks`].
     pub fn predicted(&self, observations: &Observations) -> Result<Vec<[f32; 3]>, RunError> {
         let shared = self.shared;
-        let mut predicted = Vec::with_capacity(shared.shells.groups.len());
-        for g in 0..shared.shells.groups.len() {
-            predicted.push(self.ws.output(&named("predicted", g))?);
-        }
+        let runs = self.runs.iter().map(|run| run.output("predicted"));
+        let predicted = runs.collect::<Result<Vec<&[f32]>, RunError>>()?;
         let of_view = |view: &View| {
-            let [group, k] = shared.shells.place[view.frame as usize];
-            let count = shared.shells.groups[group].frames.len();
+            let [lot, k] = shared.lots.place[view.frame as usize];
             let row = |c: usize| c * shared.patches + view.patch as usize;
-            std::array::from_fn(|c| predicted[group][row(c) * count + k])
+            std::array::from_fn(|c| predicted[lot][row(c) * WIDTH + k])
         };
         Ok(observations.views.iter().map(of_view).collect())
     }
@@ -46,7 +44,7 @@ impl At<'_> {
     /// # Errors
     /// As [`Shared::masks`].
     pub fn radiance(&self) -> Result<Vec<f32>, RunError> {
-        Ok(self.by_texel(self.ws.output("radiance")?))
+        Ok(self.by_texel(self.runs[0].output("radiance")?))
     }
 
     /// The change of the radiance along the direction of the last product Jv, `[texel][channel]`.
@@ -54,7 +52,7 @@ impl At<'_> {
     /// # Errors
     /// As [`Shared::masks`].
     pub fn radiance_change(&self) -> Result<Vec<f32>, RunError> {
-        Ok(self.by_texel(self.ws.tangent("radiance")?))
+        Ok(self.by_texel(self.runs[0].tangent("radiance")?))
     }
 
     fn by_texel(&self, planar: &[f32]) -> Vec<f32> {
@@ -89,60 +87,39 @@ impl Linearisation for At<'_> {
             .sky
             .as_mut()
             .map(|sky| self.shared.sky.push(sky, &v[occluders]));
-        let masks: Vec<(String, Vec<f32>)> = (0..self.shared.shells.groups.len())
-            .filter_map(|g| Some((named("mask", g), self.shared.columns(mask.as_ref()?, g))))
-            .collect();
-        let mut direction = vec![("environment", &v[environment])];
-        direction.extend(
-            masks
-                .iter()
-                .map(|(name, mask)| (name.as_str(), mask.as_slice())),
-        );
-        self.shared
-            .program
-            .jvp(&mut self.ws, &direction)
-            .expect("a direction of the model's own size");
-        self.shared
-            .joined(|name| self.ws.tangent(name))
-            .expect("outputs of the model")
+        for (lot, run) in self.runs.iter_mut().enumerate() {
+            let mask = mask
+                .as_ref()
+                .map(|mask| self.shared.lots.columns(mask, lot));
+            let mut direction = vec![("environment", &v[environment.clone()])];
+            direction.extend(mask.as_ref().map(|mask| ("mask", mask.as_slice())));
+            self.shared
+                .program
+                .jvp(run, &direction)
+                .expect("a direction of the model's own size");
+        }
+        super::joined(&self.runs, |run| run.tangent("residual")).expect("an output of the model")
     }
 
     fn vjp(&mut self, w: &[f32]) -> Vec<f32> {
-        let groups = &self.shared.shells.groups;
-        let mut rest = w;
-        let seeds: Vec<(String, &[f32])> = groups
-            .iter()
-            .enumerate()
-            .map(|(g, group)| {
-                let (own, others) = rest.split_at(3 * self.shared.patches * group.frames.len());
-                rest = others;
-                (named("residual", g), own)
-            })
-            .collect();
-        let seeds: Vec<(&str, &[f32])> = seeds.iter().map(|(n, w)| (n.as_str(), *w)).collect();
-        self.shared
-            .program
-            .vjp_with(&mut self.ws, &seeds)
-            .expect("a cotangent of the model's own size");
-        let mut z = self
-            .ws
-            .gradient("environment")
-            .expect("a parameter of the model")
-            .to_vec();
-        if let Some(sky) = &mut self.sky {
-            let frames = self.shared.shells.frames();
-            let mut masks = vec![0.0; self.shared.mask_grid().len() * frames];
-            for (g, group) in groups.iter().enumerate() {
-                let name = named("mask", g);
-                let own = self.ws.gradient(&name).expect("a parameter of the model");
-                for (to, from) in masks
-                    .chunks_exact_mut(frames)
-                    .zip(own.chunks_exact(group.frames.len()))
-                {
-                    group.frames.iter().zip(from).for_each(|(&t, &m)| to[t] = m);
-                }
+        let shared = self.shared;
+        let [environment, _] = shared.ranges();
+        let mut z = vec![0.0; environment.len()];
+        let mut masks = vec![0.0; shared.mask_grid().len() * shared.shells.frames()];
+        let seeds = w.chunks_exact(3 * shared.patches * WIDTH);
+        for (lot, (run, seed)) in self.runs.iter_mut().zip(seeds).enumerate() {
+            shared
+                .program
+                .vjp_with(run, &[("residual", seed)])
+                .expect("a cotangent of the model's own size");
+            let gradient = |name| run.gradient(name).expect("a parameter of the model");
+            add(&mut z, 1.0, gradient("environment"));
+            if self.sky.is_some() {
+                shared.lots.restore(gradient("mask"), lot, &mut masks);
             }
-            z.extend(self.shared.sky.pull(sky, masks));
+        }
+        if let Some(sky) = &mut self.sky {
+            z.extend(shared.sky.pull(sky, masks));
         }
         z
     }

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use glam::Vec3;
 use render::lat_long::LatLong;
 
-use super::super::{
-    patches::Observations,
-    shell::{Shell, Shells},
+use super::{
+    super::{patches::Observations, shell::Shell},
+    lots::{Lots, WIDTH},
 };
 
 /// Texels of a mask along the side of one of light.
@@ -18,17 +18,22 @@ pub(super) struct Fixed {
     pub(super) offsets: Arc<[u32]>,
     pub(super) texel: Arc<[u32]>,
     pub(super) weight: Arc<[f32]>,
-    pub(super) groups: Vec<FixedGroup>,
+    pub(super) lots: Vec<FixedLot>,
     /// Which albedo each residual depends on.
     pub(super) albedo_of: Arc<[u32]>,
 }
 
-/// Inputs of a group of frames; values are `[channel][patch][frame of the group]`.
-pub(super) struct FixedGroup {
-    pub(super) corner: [Arc<[u32]>; 4],
-    pub(super) corner_weight: [Arc<[f32]>; 4],
+/// Inputs of a lot of frames; values are `[channel][patch][frame of the lot]`.
+pub(super) struct FixedLot {
+    pub(super) lookups: Arc<Lookups>,
     pub(super) value: Arc<[f32]>,
     pub(super) root_weight: Arc<[f32]>,
+}
+
+/// Where the rays of all patches look masks up: four texels each, and their weights.
+pub(super) struct Lookups {
+    pub(super) corner: [Arc<[u32]>; 4],
+    pub(super) weight: [Arc<[f32]>; 4],
 }
 
 impl Fixed {
@@ -36,7 +41,7 @@ impl Fixed {
         grid: LatLong,
         rows: &[f32],
         observations: &Observations,
-        shells: &Shells,
+        lots: &Lots,
     ) -> Self {
         let (mut offsets, mut texel, mut weight) = (vec![0u32], Vec::new(), Vec::new());
         for row in rows.chunks_exact(grid.len()) {
@@ -49,7 +54,7 @@ impl Fixed {
         Self::painted(
             grid,
             observations,
-            shells,
+            lots,
             [offsets.into(), texel.into()],
             weight.into(),
         )
@@ -60,46 +65,47 @@ impl Fixed {
         &self,
         grid: LatLong,
         observations: &Observations,
-        shells: &Shells,
+        lots: &Lots,
     ) -> Self {
         let rows = [self.offsets.clone(), self.texel.clone()];
-        Self::painted(grid, observations, shells, rows, self.weight.clone())
+        Self::painted(grid, observations, lots, rows, self.weight.clone())
     }
 
     fn painted(
         grid: LatLong,
         observations: &Observations,
-        shells: &Shells,
+        lots: &Lots,
         [offsets, texel]: [Arc<[u32]>; 2],
         weight: Arc<[f32]>,
     ) -> Self {
         let patches = observations.patches.len();
         let views = &observations.views;
-        let values = grouped(shells, patches, observations, &|i, c| views[i].value[c]);
-        let weights = grouped(shells, patches, observations, &|i, c| {
+        let values = dealt(lots, patches, observations, &|i, c| views[i].value[c]);
+        let weights = dealt(lots, patches, observations, &|i, c| {
             views[i].weight[c].sqrt()
         });
-        let mut albedo_of = Vec::new();
-        let groups = shells
-            .groups
-            .iter()
-            .zip(values.into_iter().zip(weights))
-            .map(|(group, (value, root_weight))| {
-                let count = group.frames.len();
-                albedo_of.extend((0..3 * patches * count).map(|i| (i / count) as u32));
-                let (corner, corner_weight) =
-                    lookups(grid, &offsets, &texel, observations, group.shell);
-                FixedGroup {
-                    corner: corner.map(Into::into),
-                    corner_weight: corner_weight.map(Into::into),
-                    value: value.into(),
-                    root_weight: root_weight.into(),
-                }
+        let mut last: Option<(Shell, Arc<Lookups>)> = None;
+        let mut of_shell = |shell: Shell| match &last {
+            Some((own, lookups)) if *own == shell => lookups.clone(),
+            _ => {
+                let lookups = Arc::new(lookups(grid, &offsets, &texel, observations, shell));
+                last = Some((shell, lookups.clone()));
+                lookups
+            }
+        };
+        let dealt = lots.all.iter().zip(values.into_iter().zip(weights));
+        let fixed = dealt
+            .map(|(lot, (value, root_weight))| FixedLot {
+                lookups: of_shell(lot.shell),
+                value: value.into(),
+                root_weight: root_weight.into(),
             })
             .collect();
+        let of_lot = 0..3 * patches * WIDTH;
+        let albedo_of = (0..lots.all.len()).flat_map(|_| of_lot.clone());
         Self {
-            groups,
-            albedo_of: albedo_of.into(),
+            lots: fixed,
+            albedo_of: albedo_of.map(|i| (i / WIDTH) as u32).collect(),
             offsets,
             texel,
             weight,
@@ -107,14 +113,13 @@ impl Fixed {
     }
 }
 
-/// Where the rays of all patches look masks up: four texels each, and their weights.
 fn lookups(
     grid: LatLong,
     offsets: &[u32],
     texel: &[u32],
     observations: &Observations,
     shell: Shell,
-) -> ([Vec<u32>; 4], [Vec<f32>; 4]) {
+) -> Lookups {
     let directions: Vec<Vec3> = (0..grid.len())
         .map(|d| grid.texel_direction(d / grid.columns, d % grid.columns))
         .collect();
@@ -129,23 +134,25 @@ fn lookups(
             }
         }
     }
-    (corner, weight)
+    Lookups {
+        corner: corner.map(Into::into),
+        weight: weight.map(Into::into),
+    }
 }
 
-/// Values of all views by group of frames, `[channel][patch][frame of the group]`; zero where there is no view.
-pub(super) fn grouped(
-    shells: &Shells,
+/// Values of all views by lot of frames, `[channel][patch][frame of the lot]`; zero where there is no view.
+pub(super) fn dealt(
+    lots: &Lots,
     patches: usize,
     observations: &Observations,
     part: &dyn Fn(usize, usize) -> f32,
 ) -> Vec<Vec<f32>> {
-    let counts: Vec<usize> = shells.groups.iter().map(|g| g.frames.len()).collect();
-    let mut all: Vec<Vec<f32>> = counts.iter().map(|n| vec![0.0; 3 * patches * n]).collect();
+    let mut all = vec![vec![0.0; 3 * patches * WIDTH]; lots.all.len()];
     for (i, view) in observations.views.iter().enumerate() {
-        let [group, k] = shells.place[view.frame as usize];
+        let [lot, k] = lots.place[view.frame as usize];
         for c in 0..3 {
             let row = c * patches + view.patch as usize;
-            all[group][row * counts[group] + k] = part(i, c);
+            all[lot][row * WIDTH + k] = part(i, c);
         }
     }
     all

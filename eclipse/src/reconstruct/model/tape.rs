@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use autodiff::{Array, Differentiable, Graph, GraphError, Program, Var};
+use autodiff::{Array, Differentiable, Graph, GraphError, Program};
 use render::{maps::PyramidMap, pyramid::Pyramid};
 
 /// Colour varies less than brightness: standard deviation of each chroma component relative to luminance.
@@ -29,8 +29,8 @@ pub(super) fn steepness(z: f32) -> f32 {
     (TAIL * z).cosh()
 }
 
-/// Residuals and predictions of every group of frames, and radiance.
-pub(super) fn record(pyramid: &Pyramid, groups: usize) -> Result<Program, GraphError> {
+/// Residuals and predictions of a lot of frames, and radiance.
+pub(super) fn record(pyramid: &Pyramid) -> Result<Program, GraphError> {
     let g = Graph::new();
     let (level, texel, patch) = (g.domain("level"), g.domain("texel"), g.domain("patch"));
     let mask_texel = g.domain("mask texel");
@@ -55,35 +55,25 @@ pub(super) fn record(pyramid: &Pyramid, groups: usize) -> Result<Program, GraphE
     let arriving = radiance.gather(&g.index("own texel", &direction, &texel))
         * g.input("transport", &direction, 1);
     let albedo = g.param("albedo", &patch, 3);
-    let mut outputs = vec![("radiance".to_owned(), radiance)];
-    for group in 0..groups {
-        let frame = g.axis(&named("frame", group));
-        let corners = CORNERS.map(|k| g.index(&named(k, group), &direction, &mask_texel));
-        let weights = WEIGHTS.map(|k| g.input(&named(k, group), &direction, 1));
-        let lookups: Vec<_> = corners.iter().zip(&weights).collect();
-        let masks = g
-            .param_along(&named("mask", group), &mask_texel, 1, &frame)
-            .gather_weighted(&lookups);
-        let received = arriving.segment_dot(&masks);
-        let value = g.input_along(&named("value", group), &patch, 3, &frame);
-        let weight = g.input_along(&named("root weight", group), &patch, 3, &frame);
-        let predicted = &albedo * received;
-        outputs.push((named("residual", group), (&predicted - value) * weight));
-        outputs.push((named("predicted", group), predicted));
-    }
-    let outputs: Vec<(&str, &Var)> = outputs
-        .iter()
-        .map(|(name, value)| (name.as_str(), value))
-        .collect();
-    g.compile::<_, Differentiable>(&outputs)
+    let frame = g.axis("frame");
+    let corners = CORNERS.map(|k| g.index(k, &direction, &mask_texel));
+    let weights = WEIGHTS.map(|k| g.input(k, &direction, 1));
+    let lookups: Vec<_> = corners.iter().zip(&weights).collect();
+    let masks = g
+        .param_along("mask", &mask_texel, 1, &frame)
+        .gather_weighted(&lookups);
+    let predicted = &albedo * arriving.segment_dot(&masks);
+    let value = g.input_along("value", &patch, 3, &frame);
+    let weight = g.input_along("root weight", &patch, 3, &frame);
+    let residual = (&predicted - value) * weight;
+    g.compile::<_, Differentiable>(&[
+        ("radiance", &radiance),
+        ("residual", &residual),
+        ("predicted", &predicted),
+    ])
 }
 
-/// A ray's lookups in the masks of a group: texels.
+/// A ray's lookups in the masks: texels.
 pub(super) const CORNERS: [&str; 4] = ["corner 0", "corner 1", "corner 2", "corner 3"];
 /// The same: weights.
 pub(super) const WEIGHTS: [&str; 4] = ["weight 0", "weight 1", "weight 2", "weight 3"];
-
-/// The name of what the tape holds once for every group of frames.
-pub(super) fn named(what: &str, group: usize) -> String {
-    format!("{what} of group {group}")
-}
