@@ -3,6 +3,7 @@
 pub mod bounded;
 pub mod chain;
 pub mod compete;
+pub mod confined;
 pub mod dark;
 pub mod diagnose;
 pub mod diagnosis;

@@ -4,80 +4,141 @@ use autodiff::RunError;
 use rayon::prelude::*;
 
 use super::{Fit, FitError, lobe};
-use crate::criticism::{
-    chain::Chain,
-    formation::Formation,
-    linear::{conjugate_gradients, dot},
-    study::Study,
-};
+use crate::criticism::{chain::Chain, confined, linear::dot, study::Study};
 
-/// Products of conjugate gradients a step.
-const PRODUCTS: usize = 30;
 /// The largest change of the logarithm of light a step may make.
 const LARGEST_STEP: f32 = 1.2;
+
+/// A number beside light and texture: what it changes, where it is and how far it may go, in units of its scale.
+struct Column {
+    change: Vec<f32>,
+    at: f32,
+    room: [f32; 2],
+}
+
 impl Fit {
     pub(super) fn step(&mut self, study: &Study<'_>, with_lobe: bool) -> Result<(), FitError> {
-        let precision = self.precision(study, &|i| study.develops(i));
-        let r = self.without_own_albedo(study);
-        let mut columns: Vec<(Vec<f32>, f32)> = Vec::new();
-        if with_lobe {
-            columns.extend(self.lobe_columns(study)?);
-        }
-        let lobes = columns.len();
         let mut chain = Chain::new(&self.links, study.seen.len())?;
         let betas = self.betas(study, &chain);
         chain.bind(&self.ideal, &betas)?;
+        let columns = self.columns(study, &mut chain, with_lobe)?;
+        let lights = self.parameters.light.len();
+        let inner = lights + self.parameters.texture.len();
+        let mut at = self.parameters.light.clone();
+        at.extend(&self.parameters.texture);
+        at.extend(columns.iter().map(|column| column.at));
+        let delta = self.direction(study, &columns, &at)?;
+
+        let before = self.cost(study) + 0.5 * dot(&at, &at);
+        let own = self.parameters.clone();
+        let (lobe_before, active_before) = (self.lobe, self.active.clone());
+        let order: Vec<&'static str> = chain.links().iter().map(|l| l.effect.id()).collect();
+        let effects = inner + columns.len() - numbers(&chain);
+        let mut share = self.allowed(&delta[..lights]);
+        for _ in 0..4 {
+            self.parameters = own.clone();
+            self.active = active_before.clone();
+            let moved = |(z, d): (&mut f32, &f32)| *z += share * d;
+            let light = self.parameters.light.iter_mut();
+            light.zip(&delta).for_each(moved);
+            let texture = self.parameters.texture.iter_mut();
+            texture.zip(&delta[lights..]).for_each(moved);
+            self.move_effects(&order, &delta[effects..], share);
+            if with_lobe && let Some(old) = lobe_before {
+                let step = &delta[inner..];
+                self.lobe = Some(lobe::moved(old, share * step[0], share * step[1]));
+                self.bare = self.transport(study);
+            }
+            self.form(study)?;
+            self.evaluate(study)?;
+            let mut z = at.clone();
+            z.iter_mut().zip(&delta).for_each(moved);
+            if self.cost(study) + 0.5 * dot(&z, &z) <= before {
+                return Ok(());
+            }
+            share *= 0.4;
+        }
+        self.parameters = own;
+        self.active = active_before;
+        if self.lobe != lobe_before {
+            self.lobe = lobe_before;
+            self.bare = self.transport(study);
+        }
+        self.form(study)?;
+        self.evaluate(study)
+    }
+
+    /// The lobe's numbers, then those of the effects in the chain's order.
+    fn columns(
+        &self,
+        study: &Study<'_>,
+        chain: &mut Chain,
+        with_lobe: bool,
+    ) -> Result<Vec<Column>, FitError> {
+        let mut columns = Vec::new();
+        if with_lobe {
+            let free = |(change, at)| Column {
+                change,
+                at,
+                room: [f32::NEG_INFINITY, f32::INFINITY],
+            };
+            columns.extend(self.lobe_columns(study)?.into_iter().map(free));
+        }
         for (l, link) in chain.links().to_vec().iter().enumerate() {
             for (k, term) in link.terms.iter().enumerate() {
                 let scale = term.scale as f32;
-                let column = chain.column(l, k)?.iter().map(|x| scale * x).collect();
-                columns.push((column, self.beta(link.effect.id(), k) as f32 / scale));
+                let at = self.beta(link.effect.id(), k);
+                let room = [term.least, term.most].map(|bound| ((bound - at) / term.scale) as f32);
+                columns.push(Column {
+                    change: chain.column(l, k)?.iter().map(|x| scale * x).collect(),
+                    at: at as f32 / scale,
+                    room: [room[0].min(0.0), room[1].max(0.0)],
+                });
             }
         }
+        Ok(columns)
+    }
+
+    /// Gauss-Newton's step of light, texture and `columns`, which are `at` now.
+    fn direction(
+        &self,
+        study: &Study<'_>,
+        columns: &[Column],
+        at: &[f32],
+    ) -> Result<Vec<f32>, FitError> {
+        let precision = self.precision(study, &|i| study.develops(i));
         let lights = self.parameters.light.len();
-        let textures = self.parameters.texture.len();
+        let inner = lights + self.parameters.texture.len();
         let views = 3 * study.seen.views.len();
-        let mut ws = self.formation.workspace(&self.parameters, 1)?;
-        let mut pull = |formation: &Formation, weights: &[f32]| -> Result<Vec<f32>, RunError> {
-            let own: Vec<f32> = (0..views).map(|i| self.slope[i] * weights[i]).collect();
-            let (mut g, texture) = formation.pull(&mut ws, &own)?;
+        let (slope, formation) = (&self.slope, &self.formation);
+        let mut back = formation.workspace(&self.parameters, 1)?;
+        let mut pull = |weights: &[f32]| -> Result<Vec<f32>, RunError> {
+            let own: Vec<f32> = (0..views).map(|i| slope[i] * weights[i]).collect();
+            let (mut g, texture) = formation.pull(&mut back, &own)?;
             g.extend(texture);
-            let inner: Vec<f32> = columns
-                .par_iter()
-                .map(|(column, _)| dot(column, weights) as f32)
-                .collect();
-            g.extend(inner);
+            let beside = columns.par_iter().map(|c| dot(&c.change, weights) as f32);
+            g.extend(beside.collect::<Vec<f32>>());
             Ok(g)
         };
-        let mut at = self.parameters.light.clone();
-        at.extend(&self.parameters.texture);
-        at.extend(columns.iter().map(|(_, at)| *at));
-        let mut right = pull(&self.formation, &precision.apply(&r))?;
-        right.iter_mut().zip(&at).for_each(|(g, z)| *g -= z);
-
-        let mut ws = self.formation.workspace(&self.parameters, 1)?;
+        let mut right = pull(&precision.apply(&self.without_own_albedo(study)))?;
+        right.iter_mut().zip(at).for_each(|(g, z)| *g -= z);
+        let mut room = vec![[f32::NEG_INFINITY, f32::INFINITY]; inner];
+        room.extend(columns.iter().map(|column| column.room));
+        let mut forth = formation.workspace(&self.parameters, 1)?;
         let mut failed = None;
-        let mut delta = vec![0.0; at.len()];
-        let slope = &self.slope;
-        let formation = &self.formation;
-        conjugate_gradients(&mut delta, &right, PRODUCTS, 1e-3, |v| {
+        let delta = confined::step(&right, &room, |v| {
             let mut run = || -> Result<Vec<f32>, RunError> {
-                let mut moved =
-                    formation.push(&mut ws, &v[..lights], &v[lights..lights + textures])?;
-                moved
-                    .iter_mut()
-                    .zip(slope)
-                    .for_each(|(m, slope)| *m *= slope);
+                let mut moved = formation.push(&mut forth, &v[..lights], &v[lights..inner])?;
+                let pairs = moved.iter_mut().zip(slope);
+                pairs.for_each(|(moved, slope)| *moved *= slope);
                 moved.resize(3 * study.seen.len(), 0.0);
-                for ((column, _), factor) in columns.iter().zip(&v[lights + textures..]) {
+                for (column, factor) in columns.iter().zip(&v[inner..]) {
                     if *factor != 0.0 {
-                        moved
-                            .iter_mut()
-                            .zip(column)
-                            .for_each(|(m, c)| *m += factor * c);
+                        let pairs = moved.iter_mut().zip(&column.change);
+                        pairs.for_each(|(moved, change)| *moved += factor * change);
                     }
                 }
-                let mut back = pull(formation, &precision.apply(&moved))?;
+                let mut back = pull(&precision.apply(&moved))?;
                 back.iter_mut().zip(v).for_each(|(b, v)| *b += v);
                 Ok(back)
             };
@@ -86,48 +147,10 @@ impl Fit {
                 vec![0.0; v.len()]
             })
         });
-        if let Some(error) = failed {
-            return Err(error.into());
+        match failed {
+            None => Ok(delta),
+            Some(error) => Err(error.into()),
         }
-        let before = self.cost(study) + 0.5 * dot(&at, &at);
-        let own = self.parameters.clone();
-        let (lobe_before, betas_before) = (self.lobe, self.active.clone());
-        let order: Vec<&'static str> = chain.links().iter().map(|l| l.effect.id()).collect();
-        let mut share = self.allowed(&delta[..lights]);
-        for _ in 0..4 {
-            self.parameters = own.clone();
-            self.active = betas_before.clone();
-            (0..lights).for_each(|i| self.parameters.light[i] += share * delta[i]);
-            (0..textures).for_each(|i| self.parameters.texture[i] += share * delta[lights + i]);
-            self.move_effects(&order, &delta[lights + textures + lobes..], share);
-            if with_lobe && let Some(old) = lobe_before {
-                let step = &delta[lights + textures..];
-                self.lobe = Some(lobe::moved(old, share * step[0], share * step[1]));
-                self.bare = self.transport(study);
-            }
-            self.form(study)?;
-            self.evaluate(study)?;
-            let mut z = self.parameters.light.clone();
-            z.extend(&self.parameters.texture);
-            let beyond: f64 = (0..columns.len())
-                .map(|k| {
-                    f64::from(at[lights + textures + k] + share * delta[lights + textures + k])
-                        .powi(2)
-                })
-                .sum();
-            if self.cost(study) + 0.5 * (dot(&z, &z) + beyond) <= before {
-                return Ok(());
-            }
-            share *= 0.4;
-        }
-        self.parameters = own;
-        self.active = betas_before;
-        if self.lobe != lobe_before {
-            self.lobe = lobe_before;
-            self.bare = self.transport(study);
-        }
-        self.form(study)?;
-        self.evaluate(study)
     }
 
     /// Moves the effects' numbers, given in the chain's order and in units of their scales.
@@ -152,4 +175,9 @@ impl Fit {
         let largest = change.iter().fold(0.0f32, |m, c| m.max(c.abs()));
         (LARGEST_STEP / largest.max(1e-9)).min(1.0)
     }
+}
+
+/// How many numbers the effects of a chain have.
+fn numbers(chain: &Chain) -> usize {
+    chain.links().iter().map(|link| link.terms.len()).sum()
 }

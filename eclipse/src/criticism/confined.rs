@@ -1,0 +1,96 @@
+//! Conjugate gradients within bounds: numbers that would leave theirs are put there, and the others solved again.
+
+use super::linear::conjugate_gradients;
+
+/// How often numbers that left their bounds are put there; what leaves after that is cut off.
+const ROUNDS: usize = 4;
+/// Products of the first solution and of each that follows, which begins near its end.
+const PRODUCTS: [usize; 2] = [30, 12];
+/// By how much the residual falls.
+const TOLERANCE: f64 = 1e-3;
+
+/// The step δ that about minimises ½ δᵀAδ − bᵀδ with every number within its `room`, least and most; zero must be.
+///
+/// A is symmetric, positive definite and known by its products. A number at its bound that wants to go beyond stays. To cut the
+/// unbounded step off instead would not do: where columns are alike it may lead upwards.
+pub fn step(b: &[f32], room: &[[f32; 2]], mut product: impl FnMut(&[f32]) -> Vec<f32>) -> Vec<f32> {
+    let mut held: Vec<bool> = b
+        .iter()
+        .zip(room)
+        .map(|(b, [least, most])| *least >= 0.0 && *b < 0.0 || *most <= 0.0 && *b > 0.0)
+        .collect();
+    let mut delta = vec![0.0; b.len()];
+    for round in 0..ROUNDS {
+        let free = |v: &mut [f32]| {
+            let of_held = v.iter_mut().zip(&held).filter(|(_, held)| **held);
+            of_held.for_each(|(v, _)| *v = 0.0);
+        };
+        let mut right = b.to_vec();
+        free(&mut right);
+        let products = PRODUCTS[usize::from(round > 0)];
+        conjugate_gradients(&mut delta, &right, products, TOLERANCE, |v| {
+            let mut moved = product(v);
+            free(&mut moved);
+            moved
+        });
+        let mut left = false;
+        for ((delta, held), [least, most]) in delta.iter_mut().zip(&mut held).zip(room) {
+            if *delta < *least || *delta > *most {
+                *delta = delta.clamp(*least, *most);
+                *held = true;
+                left = true;
+            }
+        }
+        if !left {
+            break;
+        }
+    }
+    delta
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A well-conditioned system of `n` numbers whose columns are alike in pairs.
+    fn product(v: &[f32]) -> Vec<f32> {
+        let sum: f32 = v.iter().sum();
+        (0..v.len())
+            .map(|i| (1.0 + 0.1 * i as f32) * v[i] + 0.9 * v[i ^ 1] + 0.05 * sum)
+            .collect()
+    }
+
+    #[test]
+    fn without_bounds_it_solves_the_system() {
+        let b: Vec<f32> = (0..8).map(|i| (i as f32 * 1.7).sin()).collect();
+        let open = [[f32::NEG_INFINITY, f32::INFINITY]; 8];
+        let delta = step(&b, &open, product);
+        for (a, b) in product(&delta).iter().zip(&b) {
+            assert!((a - b).abs() < 5e-3, "{a} {b}");
+        }
+    }
+
+    #[test]
+    fn within_bounds_nothing_free_could_be_better_and_the_step_leads_downwards() {
+        let b: Vec<f32> = (0..8).map(|i| (i as f32 * 1.7).sin()).collect();
+        let mut room = [[0.0, 0.3]; 8];
+        room[7] = [-0.1, f32::INFINITY];
+        let delta = step(&b, &room, product);
+        let slope: Vec<f32> = product(&delta).iter().zip(&b).map(|(a, b)| a - b).collect();
+        let mut bound = 0;
+        for ((delta, slope), [least, most]) in delta.iter().zip(&slope).zip(&room) {
+            assert!((*least..=*most).contains(delta));
+            let inside = delta > least && delta < most;
+            assert!(!inside || slope.abs() < 5e-3, "{delta} {slope}");
+            bound += usize::from(!inside);
+        }
+        assert!((2..7).contains(&bound), "{bound}");
+        let value: f32 = delta
+            .iter()
+            .zip(&slope)
+            .zip(&b)
+            .map(|((d, s), b)| 0.5 * d * (s - b))
+            .sum();
+        assert!(value < 0.0, "{value}");
+    }
+}
