@@ -76,6 +76,8 @@ pub struct UncertaintySummary {
     pub occluders: Vec<Option<f64>>,
     /// How many numbers are known from the photographs rather than from what is assumed.
     pub known: f64,
+    /// At most so many are: a run that was short has found but a part, and then its deviations are too large.
+    pub known_at_most: f64,
     /// RMS of what is left of the data, in units of what was expected: standard deviations are that much larger.
     pub misfit: f64,
     /// What it took.

@@ -208,6 +208,31 @@ fn more_products_only_make_surer_and_all_is_more_than_noise() {
 }
 
 #[test]
+fn what_is_missed_bounds_what_more_products_find() {
+    let mut small = Small::new(&perfect::capture(), None);
+    small.draw(0);
+    let z = small.solve();
+    let bounds: Vec<[f64; 2]> = [5, 20, 80, 320]
+        .iter()
+        .map(|&products| {
+            let effort = Effort {
+                products,
+                probes: 64,
+            };
+            let posterior = Posterior::new(&small.shared, &z, effort, 1, &mut || true).unwrap();
+            [posterior.known(), posterior.known_at_most()]
+        })
+        .collect();
+    let [all, at_most] = bounds[3];
+    assert!(at_most < 1.1 * all, "{bounds:?}");
+    // Sixty-four probes estimate a trace to within a fifth.
+    for pair in bounds.windows(2) {
+        assert!(pair[0][0] < pair[1][0], "{bounds:?}");
+        assert!(1.2 * pair[0][1] > all, "{bounds:?}");
+    }
+}
+
+#[test]
 fn deviations_are_written_and_shown_and_do_not_outlive_their_run() {
     let capture = perfect::capture();
     let mut found = perfect::reconstruction(&capture);
@@ -296,6 +321,7 @@ fn the_rest_is_orthogonal_to_what_was_found() {
             assert!(dot(v, rest).abs() < 1e-3);
         }
     }
+    assert!(found.missed > 0.0 && found.known_at_most() > found.known());
     // The largest eigenvalue is the largest stretch: none of the others' directions is stretched more.
     assert!(found.values.windows(2).all(|pair| pair[0] >= pair[1]));
     let mut u = at.jvp(&found.vectors[0]);

@@ -5,7 +5,7 @@
 //! largest eigenvalues θ with vectors v: (1 + A)⁻¹ ≈ 1 − Σ θ/(1 + θ) v vᵀ (Bui-Thanh et al., SIAM J. Sci. Comput. 35, 2013).
 //! Lanczos' iteration, which is conjugate gradients without a right-hand side, finds them from a random probe. What it has
 //! not found is taken to be as unsure as before the photographs: deviations err to the large side. What is left beside the
-//! vectors is sampled by a few more probes.
+//! vectors is sampled by a few more probes, which also tell how much that may be (Hutchinson's estimate of a trace).
 
 use std::borrow::Cow;
 
@@ -27,6 +27,8 @@ pub struct Laplace {
     pub traits: Vec<Traits>,
     /// Moves of z that the directions leave free, drawn from the prior, and their traits.
     pub rest: Vec<(Vec<f32>, Traits)>,
+    /// Σ θ over all that was not found, estimated: at most so many more directions are known.
+    pub missed: f64,
 }
 
 /// How much is computed.
@@ -97,7 +99,8 @@ impl Laplace {
             let mut z: Vec<f32> = (0..parameters).map(|_| normal()).collect();
             orthogonalise(&mut z, &basis);
             let u = at.jvp(&z);
-            let (_, change) = projected(projector, at, u);
+            let (weighted, change) = projected(projector, at, u.clone());
+            found.missed += dot(&u, &weighted).max(0.0) / (misfit * effort.probes as f64);
             let row = traits(at, &change);
             found.rest.push((z, row));
         }
@@ -119,6 +122,7 @@ impl Laplace {
                 vectors: Vec::new(),
                 traits: Vec::new(),
                 rest: Vec::new(),
+                missed: 0.0,
             };
         }
         let tridiagonal = DMatrix::from_fn(k, k, |i, j| match i.abs_diff(j) {
@@ -144,12 +148,18 @@ impl Laplace {
             vectors: order.iter().map(|&i| turned(basis, i)).collect(),
             traits: order.iter().map(|&i| turned(rows, i)).collect(),
             rest: Vec::new(),
+            missed: 0.0,
         }
     }
 
     /// How many directions of z are known from the photographs rather than from the prior: Σ θ/(1 + θ).
     pub fn known(&self) -> f64 {
         self.gained().iter().sum()
+    }
+
+    /// At most so many: θ/(1 + θ) is neither above one, for any direction, nor above θ.
+    pub fn known_at_most(&self) -> f64 {
+        self.known() + self.missed
     }
 
     /// What the squares of a linear function's values along the directions count in its variance.

@@ -107,6 +107,11 @@ impl<'a> Posterior<'a> {
         self.laplace.known()
     }
 
+    /// The same with what there was no time to find; far more means that the deviations are too large.
+    pub fn known_at_most(&self) -> f64 {
+        self.laplace.known_at_most()
+    }
+
     /// Of all that is not known, or of one part of it.
     pub fn deviations(&mut self, part: Part) -> Deviations {
         let n = self.radiance.len();

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::{
     ReportOptions, chart, pictures,
-    text::{duration, escaped, number, table},
+    text::{self, duration, escaped, number, table},
     viewer::{self, Viewer},
 };
 use crate::{
@@ -314,9 +314,10 @@ impl<'a> Page<'a> {
             "<figure class=\"wide\"><img id=\"environment-sd\" src=\"{}\" alt=\"standard deviation of the environment\">\
              <figcaption>Standard deviation over radiance: black is sure, white unsure by the whole value or more. By Laplace's \
              approximation, which takes the model and its shape, cameras and one bounce for granted; {} numbers are known from the \
-             photographs rather than from what is assumed.</figcaption></figure>\n",
+             photographs rather than from what is assumed{}.</figcaption></figure>\n",
             pictures::data_uri(&shown)?,
             number(doubt.summary.known),
+            text::unfinished(&doubt.summary),
         ))
     }
 

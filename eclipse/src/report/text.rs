@@ -2,6 +2,8 @@
 
 use serde_json::Value;
 
+use crate::reconstruction::UncertaintySummary;
+
 /// Text made safe inside HTML elements and quoted attributes.
 pub(crate) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;")
@@ -36,6 +38,18 @@ pub(crate) fn duration(seconds: f64) -> String {
         (0, minutes, seconds) => format!("{minutes} min {seconds} s"),
         (hours, minutes, _) => format!("{hours} h {minutes} min"),
     }
+}
+
+/// What a short run has to say of its deviations.
+pub(crate) fn unfinished(doubt: &UncertaintySummary) -> String {
+    // Within a tenth more products change nothing that can be seen.
+    if doubt.known_at_most <= 1.1 * doubt.known {
+        return String::new();
+    }
+    format!(
+        ", and up to {} may be: there was no time to find the others, which makes deviations too large",
+        number(doubt.known_at_most)
+    )
 }
 
 /// A two-column table of the leaves of a JSON object, nested names joined by spaces.

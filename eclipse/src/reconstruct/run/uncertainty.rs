@@ -58,6 +58,7 @@ impl Run<'_> {
         let deviations = posterior.deviations(Part::All);
         let mut uncertainty = Uncertainty::default();
         uncertainty.summary.known = posterior.known();
+        uncertainty.summary.known_at_most = posterior.known_at_most();
         uncertainty.summary.misfit = posterior.misfit;
         self.doubt_light(shared, &deviations, found, &mut uncertainty);
         self.doubt_masks(chosen, shared, &deviations, found, &mut uncertainty);
