@@ -15,6 +15,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    capture::CaptureError,
     image_io::ImageIoError,
     reconstruction::{Metrics, Photometric},
 };
@@ -123,6 +124,9 @@ pub enum EvaluateError {
     /// An image could not be read.
     #[error(transparent)]
     Image(#[from] ImageIoError),
+    /// What describes the truth's capture could not be read.
+    #[error(transparent)]
+    Capture(#[from] CaptureError),
     /// A text file could not be read.
     #[error("cannot read {}: {source}; check that it exists and may be read", path.display())]
     Read {

@@ -25,7 +25,6 @@ mod threejs;
 
 use std::{
     fmt::Write as _,
-    fs,
     path::{Path, PathBuf},
     str::FromStr,
 };
@@ -37,12 +36,14 @@ use crate::{
     files::{
         atomic, claim,
         lock::{Lock, LockError},
+        read_limited,
     },
     image_io::{
         EnvironmentIoError, EnvironmentOptions, ExrOptions, ImageIoError, read_environment,
         write_exr_with,
     },
     layout::{CONVENTION, ENVIRONMENT, MESH},
+    mesh_io,
     relight::{Object, Orbit, RelightError},
 };
 
@@ -141,7 +142,8 @@ pub fn export(folder: &Path, program: Program, out: &Path) -> Result<(), ExportE
     let light = read_environment(&folder.join(ENVIRONMENT), &EnvironmentOptions::default())?;
     let mesh = folder.join(MESH);
     // Textures and all that the reader does not need stay as they are.
-    let glb = fs::read(&mesh).map_err(|source| ExportError::Read { path: mesh, source })?;
+    let glb = read_limited(&mesh, mesh_io::MAX_FILE)
+        .map_err(|source| ExportError::Read { path: mesh, source })?;
 
     if !claim(out, NOTES).map_err(|source| ExportError::write(out, source))? {
         return Err(ExportError::Occupied { path: out.into() });

@@ -82,7 +82,9 @@ pub fn run(
         let mut checkpoint = checkpoint.clone();
         checkpoint.capture = fingerprint;
         checkpoint.settings = settings.clone();
-        checkpoint.arrays.extend(cameras.iter().map(Camera::array));
+        checkpoint
+            .arrays
+            .extend(cameras.iter().flat_map(Camera::arrays));
         (control.checkpoint)(&checkpoint)
     };
     let control = Control {
@@ -156,8 +158,14 @@ impl Camera {
         format!("camera {}", effect.id())
     }
 
-    fn array(&self) -> (String, Array) {
-        (Self::key(self.effect), Array::F64(self.numbers.clone()))
+    fn arrays(&self) -> [(String, Array); 2] {
+        let names = self.names.join("\n");
+        let bytes = names.bytes().map(u64::from).collect();
+        let key = Self::key(self.effect);
+        [
+            (format!("{key} names"), Array::U64(bytes)),
+            (key, Array::F64(self.numbers.clone())),
+        ]
     }
 
     fn read(effect: &'static dyn Effect, checkpoint: &Checkpoint) -> Result<Self, CheckpointError> {
@@ -169,8 +177,20 @@ impl Camera {
         Ok(Self {
             effect,
             numbers: checkpoint.f64s(&key, length)?.to_vec(),
-            names: Vec::new(),
+            names: Self::names(checkpoint.arrays.get(&format!("{key} names"))),
         })
+    }
+
+    /// None where a checkpoint has none that can be read.
+    fn names(array: Option<&Array>) -> Vec<String> {
+        let Some(Array::U64(bytes)) = array else {
+            return Vec::new();
+        };
+        let bytes = bytes.iter().map(|&b| u8::try_from(b).unwrap_or(b'?'));
+        String::from_utf8_lossy(&bytes.collect::<Vec<u8>>())
+            .lines()
+            .map(str::to_owned)
+            .collect()
     }
 
     fn json(&self) -> (String, Value) {
@@ -309,4 +329,17 @@ pub enum JointError {
     /// The checkpoint is of another run.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
+}
+
+impl JointError {
+    /// Whether the capture, or the result to start from, is to blame and not the run.
+    pub fn is_of_the_input(&self) -> bool {
+        match self {
+            Self::Reconstruct(error) => error.is_of_the_input(),
+            Self::Study(_) => true,
+            Self::Unknown { .. } | Self::Numbers { .. } | Self::Fit(_) | Self::Checkpoint(_) => {
+                false
+            }
+        }
+    }
 }

@@ -14,6 +14,8 @@ pub const ALBEDO_SD: &str = "albedo_sd";
 pub const MATERIALS: &str = "materials";
 /// The folder of rendered photographs.
 pub const RENDERS: &str = "renders";
+/// The folder of a diagnosis's residuals.
+pub const MAPS: &str = "maps";
 /// Numbers of the run.
 pub const METRICS: &str = "metrics.json";
 /// Options of the run.

@@ -25,9 +25,12 @@ use crate::{
     report::{self, ReportOptions},
 };
 
+/// The material network that a run of the paper preset leaves.
+const NETWORK: &str = "materials.safetensors";
+
 /// Writes everything a run leaves to `folder`; the report comes last, so that it is there when all else is.
 ///
-/// Numbered images of an earlier run that this one does not replace are removed.
+/// Numbered images and a network of an earlier run that this one does not replace are removed.
 ///
 /// # Errors
 /// [`OutputError`], naming the file. Files written so far stay; none is left half-written.
@@ -68,11 +71,12 @@ pub fn write(
     write_numbered(&folder.join(RENDERS), &reconstruction.renders, &rgb, &half)?;
     write_uncertainty(folder, reconstruction.uncertainty.as_ref(), &map, &half)?;
     mesh::write(&folder.join(MESH), capture, reconstruction)?;
-    if let Some(network) = &reconstruction.network {
-        write_bytes(
+    match &reconstruction.network {
+        Some(network) => write_bytes(
             &folder.join(format!("materials.{}", network.extension)),
             &network.bytes,
-        )?;
+        )?,
+        None => remove(&folder.join(NETWORK))?,
     }
     write_json(&folder.join(METRICS), &reconstruction.metrics)?;
     write_json(&folder.join(SETTINGS), &reconstruction.settings)?;
@@ -105,12 +109,7 @@ fn write_uncertainty(
     let none = Uncertainty::default();
     match uncertainty {
         Some(uncertainty) => write_exr_with(&path, &uncertainty.environment, &rgb, map)?,
-        None => match fs::remove_file(&path) {
-            Err(source) if source.kind() != io::ErrorKind::NotFound => {
-                return Err(OutputError::Write { path, source });
-            }
-            _ => {}
-        },
+        None => remove(&path)?,
     }
     let Uncertainty {
         occluders, albedo, ..
@@ -150,6 +149,17 @@ fn write_numbered(
         }
     }
     Ok(())
+}
+
+/// Removes a file that an earlier run may have left.
+fn remove(path: &Path) -> Result<(), OutputError> {
+    match fs::remove_file(path) {
+        Err(source) if source.kind() != io::ErrorKind::NotFound => Err(OutputError::Write {
+            path: path.to_owned(),
+            source,
+        }),
+        _ => Ok(()),
+    }
 }
 
 fn write_json(path: &Path, value: &impl Serialize) -> Result<(), OutputError> {

@@ -42,6 +42,13 @@ pub struct Settings {
     pub with: Vec<String>,
 }
 
+impl Settings {
+    /// Whether this frame is kept out of the fit of environment and materials: the last of every K.
+    pub fn holds_out(&self, frame: usize) -> bool {
+        self.hold_out.is_some_and(|k| frame % k == k - 1)
+    }
+}
+
 impl Default for Settings {
     fn default() -> Self {
         Self {

@@ -13,6 +13,7 @@ mod masks;
 pub mod page;
 mod parametrisation;
 mod plot;
+mod ranks;
 mod real;
 mod recovery;
 mod relighting;

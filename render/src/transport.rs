@@ -139,28 +139,6 @@ impl Quadrature {
             .collect()
     }
 
-    /// The row of a pixel's footprint: the mean over `side` × `side` rays within it, and the mean surface point.
-    ///
-    /// The mean is over the rays that meet the object; `None` when none does. The third value is their share.
-    pub fn pixel_row(
-        &self,
-        bvh: &Bvh,
-        camera: &Camera,
-        pixel: [usize; 2],
-        side: usize,
-    ) -> Option<(TransportRow, SurfacePoint, f32)> {
-        let seen: Vec<SurfacePoint> = footprint(bvh, camera, pixel, side)
-            .map(|(point, _)| point)
-            .collect();
-        let count = seen.len() as f32;
-        let mean = mean_point(&seen)?;
-        let mut dense = vec![0.0; self.grid.len()];
-        for point in &seen {
-            self.accumulate(bvh, point, 1.0 / count, &mut dense);
-        }
-        Some((sparse(&dense), mean, count / (side * side) as f32))
-    }
-
     /// Where the entries of a row look a mask up when its shell has radius `radius`, from the texels' centres.
     pub fn mask_lookups(&self, row: &TransportRow, point: Vec3, radius: f32) -> MaskLookups {
         let mut lookups = MaskLookups::default();
@@ -233,24 +211,6 @@ pub fn footprint<'a>(
         let x = pixel[0] as f32 + ((s % side) as f32 + 0.5) / side as f32;
         let y = pixel[1] as f32 + ((s / side) as f32 + 0.5) / side as f32;
         bvh.seen(camera, x, y)
-    })
-}
-
-fn mean_point(points: &[SurfacePoint]) -> Option<SurfacePoint> {
-    if points.is_empty() {
-        return None;
-    }
-    let mean = |part: fn(&SurfacePoint) -> Vec3| {
-        points.iter().map(part).sum::<Vec3>() / points.len() as f32
-    };
-    Some(SurfacePoint {
-        position: mean(|p| p.position),
-        normal: mean(|p| p.normal)
-            .try_normalize()
-            .unwrap_or(points[0].normal),
-        geometric_normal: mean(|p| p.geometric_normal)
-            .try_normalize()
-            .unwrap_or(points[0].geometric_normal),
     })
 }
 

@@ -166,6 +166,27 @@ fn bad_input_exits_with_three_and_one_message() {
 }
 
 #[test]
+fn what_a_run_cannot_start_from_is_said_before_a_folder_is_made() {
+    let folder = tempfile::tempdir().unwrap();
+    let (missing, out) = (folder.path().join("missing"), folder.path().join("out"));
+    let capture = perfect::bundled();
+    let output = run(&[
+        text(&capture),
+        "--preset",
+        "paper",
+        "--from",
+        text(&missing),
+        "--out",
+        text(&out),
+    ]);
+    let message = stderr(&output);
+    assert_eq!(output.status.code(), Some(3), "{message}");
+    assert!(message.contains("cannot start from"), "{message}");
+    assert_eq!(message.lines().count(), 1, "{message}");
+    assert!(!out.exists());
+}
+
+#[test]
 fn a_place_that_cannot_be_written_is_noticed_before_the_run() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("file");

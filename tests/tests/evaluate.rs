@@ -4,14 +4,15 @@ use std::{fs, path::Path};
 
 use eclipse::{
     checkpoint,
-    evaluate::{Evaluation, evaluate},
-    image_io::read_exr_file,
+    evaluate::{self, Evaluation, evaluate},
+    image_io::{read_exr_file, write_exr},
     layout, output,
-    reconstruction::{Metrics, Reconstruction},
+    reconstruction::{Metrics, Network, Reconstruction},
     report::ReportOptions,
     settings::Settings,
 };
 use eclipse_tests::perfect;
+use render::image::Image;
 use tempfile::TempDir;
 
 fn written(change: impl FnOnce(&mut Reconstruction)) -> TempDir {
@@ -194,6 +195,103 @@ fn images_of_an_earlier_longer_run_do_not_linger() {
     );
     assert!(!renders.join("024.exr").exists());
     assert!(renders.join("mine.exr").exists());
+}
+
+#[test]
+fn a_network_of_an_earlier_run_does_not_linger() {
+    let network = |extension: &str| Network {
+        extension: extension.to_owned(),
+        bytes: vec![1, 2, 3],
+    };
+    let folder = written(|solved| solved.network = Some(network("safetensors")));
+    let path = folder.path().join("materials.safetensors");
+    assert!(path.is_file());
+    let capture = perfect::capture();
+    let mut second = perfect::reconstruction(&capture);
+    second.network = None;
+    output::write(folder.path(), &capture, &second, &ReportOptions::default()).unwrap();
+    assert!(!path.exists() && folder.path().join("materials").is_dir());
+}
+
+#[test]
+fn a_truth_is_read_alike_whatever_channels_it_is_stored_with() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path().join("truth");
+    fs::create_dir(&folder).unwrap();
+    let put = |name: &str, channels: &[&str], values: &[f32]| {
+        let texels: Vec<f32> = (0..8)
+            .flat_map(|t| values.iter().map(move |v| v * (1 + t) as f32))
+            .collect();
+        let image = Image {
+            width: 4,
+            height: 2,
+            channels: channels.len(),
+            data: texels,
+        };
+        write_exr(&folder.join(name), &image, channels).unwrap();
+    };
+    let colours: [(&[&str], &[f32]); 4] = [
+        (&["R", "G", "B"], &[0.1; 3]),
+        (&["R", "G", "B", "A"], &[0.1, 0.1, 0.1, 1.0]),
+        (&["Y"], &[0.1]),
+        (&["Y", "A"], &[0.1, 1.0]),
+    ];
+    let expected: Vec<f32> = (0..8).map(|t| 0.1 * (1 + t) as f32).collect();
+    for (channels, values) in colours {
+        for name in ["environment.exr", "occluders.exr", "albedo_000.exr"] {
+            put(name, channels, values);
+        }
+        let truth = evaluate::truth(&folder).unwrap();
+        let albedo = &truth.albedo[0];
+        for image in [truth.environment.as_ref().unwrap(), &albedo.albedo] {
+            assert_eq!(image.channels, 3, "{channels:?}");
+            let texels = image.data.chunks_exact(3).map(|texel| texel[2]);
+            assert_eq!(texels.collect::<Vec<_>>(), expected, "{channels:?}");
+        }
+        let masks = truth.occluders.unwrap();
+        assert_eq!((masks.len(), masks[0].channels), (1, 1), "{channels:?}");
+        assert_eq!(masks[0].data, expected, "{channels:?}");
+        assert_eq!(albedo.object, [true; 8], "{channels:?}");
+    }
+}
+
+#[test]
+fn an_albedo_is_cut_out_by_the_photograph_of_its_own_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    let truth = folder.path().join("truth");
+    fs::create_dir(&truth).unwrap();
+    // The first is kept for validation, the second is not there, the others are named without an extension.
+    let frames: Vec<_> = ["a", "b.exr", "c", "d"]
+        .map(|name| serde_json::json!({ "file_path": name }))
+        .into();
+    let transforms = serde_json::json!({ "frames": frames, "val_filenames": ["a"] });
+    let path = folder.path().join("transforms.json");
+    fs::write(path, transforms.to_string()).unwrap();
+    // Each photograph shows the object in the pixel of its own place.
+    for (index, name) in ["a", "c", "d"].into_iter().enumerate() {
+        let mut photograph = Image::filled(4, 1, 4, 0.0);
+        photograph.pixel_mut(index, 0)[3] = 1.0;
+        let path = folder.path().join(format!("{name}.exr"));
+        write_exr(&path, &photograph, &["R", "G", "B", "A"]).unwrap();
+    }
+    for index in 0..3 {
+        let path = truth.join(format!("albedo_{}", layout::numbered(index)));
+        write_exr(&path, &Image::filled(4, 1, 3, 0.5), &["R", "G", "B"]).unwrap();
+    }
+    let objects: Vec<_> = evaluate::truth(&truth)
+        .unwrap()
+        .albedo
+        .into_iter()
+        .map(|albedo| albedo.object)
+        .collect();
+    assert_eq!(
+        objects,
+        [
+            [true; 4],
+            [false, true, false, false],
+            [false, false, true, false],
+        ]
+    );
 }
 
 #[test]

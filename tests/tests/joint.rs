@@ -139,6 +139,9 @@ fn an_interrupted_run_goes_on_bit_for_bit() {
     let found = joint::run(&taken, &with, &resumed).unwrap();
     assert_eq!(found.environment, whole.environment);
     assert_eq!(found.renders, whole.renders);
+    let camera = |of: &Reconstruction| of.metrics.extra["camera"].clone();
+    assert!(camera(&found)["vignetting"].is_object());
+    assert_eq!(camera(&found), camera(&whole));
 }
 
 #[test]

@@ -172,6 +172,27 @@ fn whoever_looks_for_unknown_light_is_told_where_to_go() {
     assert!(!out.exists());
 }
 
+#[test]
+fn too_few_photographs_are_bad_input() {
+    // No place is seen in three frames.
+    let few = &lamps()[..2];
+    let capture = lit_ball::capture(few, few, |_, _, light| light);
+    let folder = tempfile::tempdir().unwrap();
+    let json = written(folder.path(), &capture);
+    fs::write(folder.path().join("transforms.json"), json.to_string()).unwrap();
+    let out = folder.path().join("out");
+    let arguments = [
+        "diagnose",
+        program::text(folder.path()),
+        "--out",
+        program::text(&out),
+    ];
+    let output = program::run(env!("CARGO_BIN_EXE_eclipse-under-test"), &arguments);
+    let message = program::stderr(&output);
+    assert_eq!(output.status.code(), Some(3), "{message}");
+    assert!(message.contains("seen well in three frames"), "{message}");
+}
+
 fn simulation(capture: &Capture) -> Simulation {
     Simulation::under_lamps(capture, capture.lamps.as_ref().unwrap()).unwrap()
 }

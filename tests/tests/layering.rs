@@ -192,7 +192,14 @@ fn mentions(line: &str, word: &str) -> bool {
 /// Whether `line` imports `module` inside `use crate::{…}`, as rustfmt lays it out.
 fn imported(line: &str, module: &str) -> bool {
     let line = line.trim_start();
-    line.starts_with(&format!("{module}::")) || line == format!("{module},")
+    let names = |part: &str| part.starts_with(&format!("{module}::")) || part == module;
+    match line.strip_prefix("use crate::{") {
+        None => line.starts_with(&format!("{module}::")) || line == format!("{module},"),
+        Some(list) => list
+            .trim_end_matches("};")
+            .split(',')
+            .any(|part| names(part.trim())),
+    }
 }
 
 fn module_files(module: &str) -> Vec<PathBuf> {

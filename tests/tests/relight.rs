@@ -420,6 +420,12 @@ fn cameras_take_their_size_from_the_file_or_from_who_asks() {
     let error = read_cameras(&path, Some([40, 40])).unwrap_err().to_string();
     assert!(error.contains("ask for 40 × 30"), "{error}");
 
+    // What is not rendered at its own size may have any.
+    write(r#""w":90000,"h":60000,"#);
+    assert_eq!(read_cameras(&path, Some([90, 60])).unwrap()[0].1.width, 90);
+    let error = read_cameras(&path, None).unwrap_err().to_string();
+    assert!(error.contains("at most 8192 pixels a side"), "{error}");
+
     write("");
     let error = read_cameras(&path, None).unwrap_err().to_string();
     assert!(error.contains("`w` is missing"), "{error}");

@@ -12,12 +12,16 @@ use super::{
 };
 use crate::{files::read_limited, image_io::read_image};
 
+/// Widest or highest picture that is rendered, in pixels.
+pub const MAX_PICTURE_SIDE: usize = 8192;
+
 /// Every camera of the file `path`, in its order and in its own frame, each with its frame's `file_path`.
 ///
 /// Sizes are `w` and `h`, else those of the photograph, else `size`; with `size` all cameras are brought to that size.
 ///
 /// # Errors
-/// [`CaptureError`] as for a capture; a frame of unknown size, and one whose shape is not that of `size`.
+/// [`CaptureError`] as for a capture; a frame of unknown size, of more than [`MAX_PICTURE_SIDE`] pixels a side, and one whose shape is
+/// not that of `size`.
 pub fn read_cameras(
     path: &Path,
     size: Option<[usize; 2]>,
@@ -57,6 +61,17 @@ pub fn read_cameras(
             None => camera,
             Some(size) => resized(name, camera, size)?,
         };
+        let [width, height] = [camera.width, camera.height];
+        if width.max(height) > MAX_PICTURE_SIDE {
+            return Err(CaptureError::Field {
+                frame: name.clone(),
+                field: "w",
+                problem: format!(
+                    "and `h` are {width} × {height}, but pictures have at most {MAX_PICTURE_SIDE} pixels a side; \
+                     give a smaller size on the command line"
+                ),
+            });
+        }
         cameras.push((name.clone(), camera));
     }
     Ok(cameras)

@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 use glam::Vec3;
 use render::{camera::Camera, image::Image, mesh::Mesh};
 
-pub use cameras::read_cameras;
+pub use cameras::{MAX_PICTURE_SIDE, read_cameras};
 pub use error::CaptureError;
 pub use formats::Source;
 pub use lamps::{Lamp, Lamps};
@@ -80,6 +80,19 @@ impl Default for LoadOptions {
             min_overlap: 0.8,
         }
     }
+}
+
+/// The photographs that the capture in the folder `path` names, in the order of its frames; `None` for one that is not there, or
+/// lies outside.
+///
+/// # Errors
+/// [`CaptureError`] where what describes the capture cannot be read.
+pub fn photographs(path: &Path) -> Result<Vec<Option<PathBuf>>, CaptureError> {
+    let folder = Folder::new(path, false)?;
+    let Source { transforms, .. } = formats::read(&folder)?;
+    let photograph = |name: &String| folder.image(name, "file_path", name).ok();
+    let names = transforms.frames.iter().map(|frame| &frame.file_path);
+    Ok(names.map(photograph).collect())
 }
 
 impl Capture {

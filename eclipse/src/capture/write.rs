@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 
 use super::{Capture, CaptureError, Frame};
 use crate::{
+    files::atomic,
     image_io::{ExrOptions, Precision, write_exr_with},
     mesh_io::{GlbSurface, write_glb},
 };
@@ -41,7 +42,7 @@ pub fn write_with<E: From<CaptureError>>(
         .filter(|parent| !parent.as_os_str().is_empty())
         .unwrap_or(Path::new("."));
     fs::create_dir_all(parent).map_err(fail)?;
-    let staging = staging_folder(parent).map_err(fail)?;
+    let staging = atomic::stage_folder(path).map_err(fail)?;
     for frame in &capture.frames {
         write_frame(staging.path(), frame)?;
     }
@@ -73,18 +74,6 @@ pub(crate) fn vacant(path: &Path) -> Result<(), CaptureError> {
         return Err(CaptureError::Occupied { path: path.into() });
     }
     Ok(())
-}
-
-fn staging_folder(parent: &Path) -> io::Result<tempfile::TempDir> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".writing-");
-    // Temporary folders are private by default; a capture is an ordinary folder.
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(fs::Permissions::from_mode(0o755));
-    }
-    builder.tempdir_in(parent)
 }
 
 fn write_frame(folder: &Path, frame: &Frame) -> Result<(), CaptureError> {

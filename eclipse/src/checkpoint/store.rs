@@ -5,10 +5,15 @@ use std::{fs, io, path::Path};
 use render::{camera::Projection, image::Image};
 
 use super::{Checkpoint, CheckpointError, codec};
-use crate::{capture::Capture, files::atomic};
+use crate::{
+    capture::Capture,
+    files::{atomic, read_limited},
+};
 
 const LATEST: &str = "checkpoint.bin";
 const PREVIOUS: &str = "checkpoint.prev.bin";
+/// Largest checkpoint that is read, in bytes.
+const MAX_FILE: u64 = 1 << 32;
 
 /// Writes `folder/checkpoint.bin` whole or not at all, keeping its predecessor as `checkpoint.prev.bin`.
 ///
@@ -40,7 +45,7 @@ pub fn save(folder: &Path, checkpoint: &Checkpoint) -> Result<(), CheckpointErro
 pub fn load(folder: &Path) -> Result<Checkpoint, CheckpointError> {
     let read = |name: &str| {
         let path = folder.join(name);
-        match fs::read(&path) {
+        match read_limited(&path, MAX_FILE) {
             Ok(bytes) => codec::decode(&bytes),
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 Err(CheckpointError::Missing {
@@ -69,7 +74,7 @@ pub fn load(folder: &Path) -> Result<Checkpoint, CheckpointError> {
     })
 }
 
-/// A number that changes with any pixel, mask, camera or vertex of the capture, and not with where it lies on disk.
+/// A number that changes with any pixel, mask, camera, lamp or vertex of the capture, and not with where it lies on disk.
 pub fn fingerprint(capture: &Capture) -> u64 {
     let mut bytes = Vec::new();
     let mut floats = |values: &[f32]| values.iter().for_each(|v| bytes.extend(v.to_le_bytes()));
@@ -90,6 +95,10 @@ pub fn fingerprint(capture: &Capture) -> u64 {
         floats(&camera.distortion);
         floats(&camera.world_from_camera.to_cols_array());
         parts.extend([pixels(&frame.image), pixels(&frame.mask)]);
+    }
+    for lamp in capture.lamps.iter().flat_map(|known| &known.lamps) {
+        floats(&lamp.direction.to_array());
+        floats(&lamp.strength);
     }
     for face in &capture.mesh.faces {
         face.iter()

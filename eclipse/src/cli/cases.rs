@@ -5,8 +5,15 @@ use std::{io::Write, path::Path};
 use clap::Args;
 use serde::Serialize;
 
-use super::{Failure, diagnose::Job, print, shown::ProgressArguments, units};
-use crate::settings::Settings;
+use super::{Failure, Outcome, diagnose::Job, print, shown::ProgressArguments, units};
+use crate::{
+    files::atomic,
+    progress::{Event, Lines, Style},
+    settings::Settings,
+};
+
+/// The file that holds what was found.
+const SCORES: &str = "scores.json";
 
 #[derive(Args, Debug)]
 pub(super) struct CaseArguments {
@@ -46,18 +53,125 @@ impl CaseArguments {
         }
     }
 
-    /// Prints what was found, as JSON where that was asked for, else as `text`.
-    pub(super) fn print<T: Serialize>(
+    /// Prints what was found, as JSON where that was asked for, else as `text`, and keeps it in `folder`; how it ended is how the
+    /// command ends.
+    pub(super) fn end<T: Serialize>(
         &self,
         out: &mut dyn Write,
+        folder: Option<&Path>,
         found: &T,
         text: impl FnOnce(&T) -> String,
-    ) -> Result<(), Failure> {
-        let text = if self.json {
-            serde_json::to_string_pretty(found).map_err(Failure::failed)? + "\n"
-        } else {
-            text(found)
+        ended: Ended,
+    ) -> Result<Outcome, Failure> {
+        let whole = Whole {
+            found,
+            failed: &ended.failed,
+            interrupted: ended.interrupted,
         };
-        print(out, &text)
+        let json = serde_json::to_string_pretty(&whole).map_err(Failure::failed)? + "\n";
+        let kept = folder.map_or(Ok(()), |folder| {
+            let path = folder.join(SCORES);
+            atomic::write(&path, |file| file.write_all(json.as_bytes())).map_err(|error| {
+                Failure::failed(format!("cannot write {}: {error}", path.display()))
+            })
+        });
+        // Scores of nothing say nothing to people.
+        if self.json {
+            print(out, &json)?;
+        } else if ended.diagnosed > 0 {
+            print(out, &text(found))?;
+        }
+        kept?;
+        ended.outcome()
+    }
+}
+
+/// What is printed for programs, and kept.
+#[derive(Serialize)]
+struct Whole<'a, T> {
+    #[serde(flatten)]
+    found: &'a T,
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    failed: &'a [Failed],
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    interrupted: bool,
+}
+
+/// A capture that has no diagnosis.
+#[derive(Serialize)]
+struct Failed {
+    capture: String,
+    problem: String,
+    #[serde(skip)]
+    outcome: Outcome,
+}
+
+/// How work on many captures ended: one that fails does not keep the others from it, but the command from success.
+#[derive(Default)]
+pub(super) struct Ended {
+    /// Captures that have a diagnosis.
+    pub diagnosed: usize,
+    /// Whether somebody asked for the end before all were done.
+    pub interrupted: bool,
+    failed: Vec<Failed>,
+}
+
+impl Ended {
+    /// Counts a capture that failed, and says so at once.
+    pub(super) fn fail(
+        &mut self,
+        capture: &str,
+        failure: Failure,
+        style: Style,
+        err: &mut dyn Write,
+    ) {
+        let failed = Failed {
+            capture: capture.to_owned(),
+            problem: failure.message,
+            outcome: failure.outcome,
+        };
+        let line = format!("{capture} was not diagnosed: {}", failed.problem);
+        match style {
+            // A closed standard error is no failure.
+            Style::Bar => {
+                let _ = writeln!(err, "{line}");
+            }
+            Style::Lines => Lines::default().tell(&Event::stage(&line)),
+            Style::Hidden => {}
+        }
+        self.failed.push(failed);
+    }
+
+    /// Whether nothing was begun.
+    pub(super) fn is_empty(&self) -> bool {
+        self.diagnosed == 0 && self.failed.is_empty() && !self.interrupted
+    }
+
+    fn outcome(&self) -> Result<Outcome, Failure> {
+        let Some(first) = self.failed.first() else {
+            return Ok(match self.interrupted {
+                true => Outcome::Interrupted,
+                false => Outcome::Done,
+            });
+        };
+        let mut message = format!(
+            "{} of {} captures were not diagnosed",
+            self.failed.len(),
+            self.failed.len() + self.diagnosed
+        );
+        for Failed {
+            capture, problem, ..
+        } in &self.failed
+        {
+            message += &format!("\n  {capture}: {problem}");
+        }
+        let outcome = if self.interrupted {
+            Outcome::Interrupted
+        } else if self.failed.iter().all(|f| f.outcome == first.outcome) {
+            first.outcome
+        } else {
+            Outcome::Failed
+        };
+        Err(Failure { outcome, message })
     }
 }

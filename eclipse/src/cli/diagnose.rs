@@ -39,6 +39,8 @@ in transforms.json) lamp_direction, ambient_light, and of the others those that 
 
 /// Seconds of the reconstruction a diagnosis makes for itself, at most.
 const RECONSTRUCTION: f64 = 120.0;
+/// Its steps, which a small capture takes in less: its diagnosis is then the same on any machine.
+const STEPS: u64 = 30;
 
 #[derive(Args, Debug)]
 #[command(after_help = EXAMPLES)]
@@ -109,6 +111,7 @@ pub(super) fn run(arguments: &DiagnoseArguments, out: &mut dyn Write) -> Result<
         style: arguments.progress.style(arguments.json),
     };
     let Some(diagnosis) = diagnose(&job, stop_on_interrupt()?, &mut |_| Ok(()))? else {
+        let _ = writeln!(std::io::stderr(), "interrupted: nothing was written");
         return Ok(Outcome::Interrupted);
     };
     let text = if arguments.json {
@@ -153,14 +156,13 @@ pub(super) fn diagnose(
         (Some(lamps), None) => {
             Simulation::under_lamps(&capture, lamps).map_err(Failure::bad_input)?
         }
-        (None, Some(folder)) => {
-            Simulation::load(folder, capture.frames.len()).map_err(Failure::bad_input)?
-        }
+        (None, Some(folder)) => Simulation::load(folder, &capture).map_err(Failure::bad_input)?,
         (None, None) => {
             report("reconstructing without occluders");
             let settings = Settings {
                 occluders: false,
                 time_limit: Some(RECONSTRUCTION.min(0.4 * job.time_limit)),
+                iterations: Some(STEPS),
                 seed: job.seed,
                 threads: job.threads,
                 mesh: job.mesh.clone(),
@@ -174,7 +176,10 @@ pub(super) fn diagnose(
             };
             let solved = pool.install(|| reconstruct::run(&capture, &settings, &control));
             display.finish();
-            let solved = solved.map_err(Failure::failed)?;
+            let solved = solved.map_err(|error| match error.is_of_the_input() {
+                true => Failure::bad_input(error),
+                false => Failure::failed(error),
+            })?;
             if solved.ended == Ended::Interrupted {
                 return Ok(None);
             }
@@ -200,11 +205,12 @@ pub(super) fn diagnose(
                 message: error.to_string(),
             });
         }
+        Err(error @ DiagnoseError::Study(_)) => return Err(Failure::bad_input(error)),
         other => other.map_err(Failure::failed)?,
     };
     // Where the lamps are known there is nothing to reconstruct.
     if capture.lamps.is_none() {
-        outcome.diagnosis.command = reconstruction_with(job.capture, &outcome.diagnosis);
+        outcome.diagnosis.command = reconstruction_with(job, &outcome.diagnosis);
     }
     inspect(&outcome).map_err(Failure::failed)?;
     if let Some(folder) = job.out {
@@ -221,7 +227,7 @@ fn taken(folder: &Path) -> Result<Lock, Failure> {
 
 /// The command that reconstructs with what was found: effects of the camera fitted jointly, occluders if somebody moves in the
 /// light; `None` where a reconstruction can do nothing about it.
-fn reconstruction_with(capture: &Path, d: &Diagnosis) -> Option<String> {
+fn reconstruction_with(job: &Job<'_>, d: &Diagnosis) -> Option<String> {
     let of_the_camera = |id: &&str| effects::by_id(id).is_some_and(|e| e.is_of_the_camera());
     let found = || d.effects.iter().map(|finding| finding.id);
     let with: Vec<&str> = found().filter(of_the_camera).collect();
@@ -231,8 +237,11 @@ fn reconstruction_with(capture: &Path, d: &Diagnosis) -> Option<String> {
     }
     let mut command = format!(
         "eclipse reconstruct {}",
-        units::shell_word(&capture.to_string_lossy())
+        units::shell_word(&job.capture.to_string_lossy())
     );
+    if let Some(mesh) = &job.mesh {
+        command += &format!(" --mesh {}", units::shell_word(&mesh.to_string_lossy()));
+    }
     if !somebody {
         command += " --no-occluders";
     }

@@ -1,7 +1,7 @@
 //! `eclipse study nulls`: how often a diagnosis names physics where there is none.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     io::Write,
     path::{Path, PathBuf},
 };
@@ -9,9 +9,13 @@ use std::{
 use clap::Args;
 use serde::Serialize;
 
-use super::{Failure, Outcome, cases::CaseArguments, diagnose, shown, stop_on_interrupt};
+use super::{
+    Failure, Outcome,
+    cases::{CaseArguments, Ended},
+    diagnose, shown, stop_on_interrupt,
+};
 use crate::{
-    capture::{self, Capture, LoadOptions},
+    capture::{Capture, LoadOptions},
     criticism::{nulls, study_scores::Case},
     files::lock::Lock,
     output,
@@ -32,7 +36,7 @@ pub(super) struct NullsArguments {
     /// What to derive from each base [default: all of plain, more_noise, fine_texture, coarse_mesh].
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub structures: Vec<String>,
-    /// Folder for the captures and a page for each.
+    /// Folder for the captures, a page for each and scores.json.
     #[arg(long, value_name = "DIR", default_value = "out/nulls")]
     pub out: PathBuf,
     #[command(flatten)]
@@ -57,32 +61,35 @@ pub(super) fn run(
     err: &mut dyn Write,
 ) -> Result<Outcome, Failure> {
     let structures = chosen(&arguments.structures)?;
+    let names: Vec<String> = arguments.captures.iter().map(|base| name(base)).collect();
+    distinct(&names)?;
     let stop = stop_on_interrupt()?;
     output::prepare(&arguments.out).map_err(Failure::failed)?;
     let _lock = Lock::acquire(&arguments.out).map_err(Failure::failed)?;
     let style = arguments.cases.progress.style(false);
     let (mut cases, mut by_structure) = (Vec::new(), BTreeMap::new());
+    let mut ended = Ended::default();
     let Some(bases) = bases(arguments, stop)? else {
         return Ok(Outcome::Interrupted);
     };
-    for base in &bases {
-        let name = base
-            .file_name()
-            .unwrap_or("base".as_ref())
-            .to_string_lossy();
+    'all: for base in &bases {
         for structure in &structures {
-            let name = format!("{name}-{}", structure.id());
+            let name = format!("{}-{}", name(base), structure.id());
             let folder = arguments.out.join("captures").join(&name);
-            if !folder.is_dir() {
-                let mut derived = Capture::load(base, &LoadOptions::default())
-                    .map_err(|error| Failure::bad_input(error.to_string()))?;
-                structure.derive(&mut derived);
-                capture::write(&folder, &derived).map_err(Failure::failed)?;
-            }
             let page = arguments.out.join(&name);
             let job = arguments.cases.job(&folder, None, Some(&page));
-            let Some(diagnosis) = diagnose::diagnose(&job, stop, &mut |_| Ok(()))? else {
-                return Ok(Outcome::Interrupted);
+            let diagnosed = derive(base, *structure, &folder)
+                .and_then(|()| diagnose::diagnose(&job, stop, &mut |_| Ok(())));
+            let diagnosis = match diagnosed {
+                Ok(Some(diagnosis)) => diagnosis,
+                Ok(None) => {
+                    ended.interrupted = true;
+                    break 'all;
+                }
+                Err(failure) => {
+                    ended.fail(&name, failure, style, err);
+                    continue;
+                }
             };
             let case = Case::new(&name, &[], &diagnosis, None);
             if style == Style::Bar {
@@ -92,11 +99,41 @@ pub(super) fn run(
             *named += usize::from(!case.found.is_empty());
             *all += 1;
             cases.push(case);
+            ended.diagnosed += 1;
         }
     }
     let found = Found::new(by_structure, cases);
-    arguments.cases.print(out, &found, Found::text)?;
-    Ok(Outcome::Done)
+    let folder = Some(arguments.out.as_path());
+    arguments.cases.end(out, folder, &found, Found::text, ended)
+}
+
+/// What is derived from a base is called by its folder's name.
+fn name(base: &Path) -> String {
+    // A path such as `..` has none of its own.
+    let whole = match base.file_name() {
+        Some(_) => base.to_owned(),
+        None => base.canonicalize().unwrap_or_else(|_| base.to_owned()),
+    };
+    let name = whole.file_name().unwrap_or("base".as_ref());
+    name.to_string_lossy().into_owned()
+}
+
+/// Refuses bases of one name: what is derived from them would have one place.
+fn distinct(names: &[String]) -> Result<(), Failure> {
+    let mut seen = BTreeSet::new();
+    match names.iter().find(|name| !seen.insert(*name)) {
+        None => Ok(()),
+        Some(name) => Err(Failure::bad_input(format!(
+            "two of the captures are called {name:?}; give each another name, or run the study on them apart"
+        ))),
+    }
+}
+
+/// Leaves in `folder` what `structure` makes of the capture `base`.
+fn derive(base: &Path, structure: &dyn nulls::Structure, folder: &Path) -> Result<(), Failure> {
+    let base = Capture::load(base, &LoadOptions::default()).map_err(Failure::bad_input)?;
+    let _lock = Lock::beside(folder).map_err(Failure::failed)?;
+    nulls::derive_into(folder, base, structure).map_err(Failure::failed)
 }
 
 fn chosen(names: &[String]) -> Result<Vec<&'static dyn nulls::Structure>, Failure> {
@@ -124,6 +161,7 @@ fn bases(
     for seed in arguments.seed..arguments.seed.saturating_add(arguments.scenes) {
         let folder: PathBuf = arguments.out.join("bases").join(format!("scene-{seed}"));
         if !is_filled(&folder) {
+            let _lock = Lock::beside(&folder).map_err(Failure::failed)?;
             shown::tell(arguments.cases.progress.style(false))(&format!("rendering scene {seed}"));
             let (scene, shooting) = nulls::scenes::scene(seed);
             let go_on = |_| !stop.load(std::sync::atomic::Ordering::Relaxed);

@@ -4,6 +4,7 @@ use std::{
     ffi::OsString,
     io::Write,
     path::{Path, PathBuf},
+    sync::atomic::{AtomicBool, Ordering},
 };
 
 use clap::{Args, ValueEnum};
@@ -126,6 +127,10 @@ pub(super) fn run(
     let capture = Capture::load(&arguments.capture, &options).map_err(Failure::bad_input)?;
     // Before a folder is made for it.
     reconstruct::check_light(&capture).map_err(Failure::bad_input)?;
+    // A run that goes on has no need of what it started from.
+    if let Some(from) = settings.from.as_ref().filter(|_| !arguments.resume) {
+        reconstruct::paper::start::check(from, &capture).map_err(Failure::bad_input)?;
+    }
     output::prepare(&folder).map_err(Failure::failed)?;
     let _lock = Lock::acquire(&folder).map_err(Failure::failed)?;
     let resumed = arguments.resume.then(|| checkpoint::load(&folder));
@@ -153,6 +158,7 @@ pub(super) fn run(
             dashboard.light(environment);
         }
     };
+    let saved = AtomicBool::new(arguments.resume);
     let control = Control {
         stop: stop_on_interrupt()?,
         progress: &|progress| match &dashboard {
@@ -160,13 +166,28 @@ pub(super) fn run(
             None => display.update(progress),
         },
         light: dashboard.as_ref().map(|_| light),
-        checkpoint: &|checkpoint| checkpoint::save(&folder, checkpoint),
+        checkpoint: &|checkpoint| {
+            checkpoint::save(&folder, checkpoint)?;
+            saved.store(true, Ordering::Relaxed);
+            Ok(())
+        },
         resume: resumed.as_ref(),
     };
     let solved = pool.install(|| joint::run(&capture, &settings, &control));
     display.finish();
     drop(dashboard);
-    let solved = solved.map_err(Failure::failed)?;
+    let solved = solved.map_err(|error| match error.is_of_the_input() {
+        true => Failure::bad_input(error),
+        false => Failure::failed(error),
+    })?;
+    if solved.ended == Ended::Interrupted && !saved.load(Ordering::Relaxed) {
+        // Whatever lies in the folder says more than a start.
+        let _ = writeln!(
+            std::io::stderr(),
+            "interrupted before the first step: nothing was found and nothing written"
+        );
+        return Ok(Outcome::Interrupted);
+    }
     let report = ReportOptions::new(command(typed));
     output::write(&folder, &capture, &solved, &report).map_err(Failure::failed)?;
     print(out, &summary(&folder, &solved, arguments.json))?;
@@ -182,11 +203,15 @@ fn announce(capture: &Capture, settings: &Settings, style: Style) {
     let (frames, preset) = (capture.frames.len(), settings.preset.name());
     let planned = reconstruct::memory(capture, settings);
     match style {
-        Style::Bar => eprintln!(
-            "{frames} frames, {preset} preset: about {} of memory, {} allowed",
-            units::bytes(planned),
-            units::bytes(settings.memory)
-        ),
+        // A closed standard error is no failure.
+        Style::Bar => {
+            let _ = writeln!(
+                std::io::stderr(),
+                "{frames} frames, {preset} preset: about {} of memory, {} allowed",
+                units::bytes(planned),
+                units::bytes(settings.memory)
+            );
+        }
         Style::Lines => say(&json!({
             "event": "start", "frames": frames, "preset": preset, "memory_bytes": planned,
             "memory_allowed_bytes": settings.memory,

@@ -11,7 +11,7 @@ use render::{camera::Camera, convention::Convention};
 
 use super::{Failure, Outcome, print, shown::ProgressArguments, stop_on_interrupt, units};
 use crate::{
-    capture::read_cameras,
+    capture::{MAX_PICTURE_SIDE, read_cameras},
     image_io::{EnvironmentOptions, Rows, read_environment},
     progress::PictureDisplay,
     relight::{self, Folder, Object, Orbit, Quality, Record, RelightError, Stage, evenly},
@@ -99,8 +99,10 @@ pub(super) fn run(arguments: &RelightArguments, out: &mut dyn Write) -> Result<O
     let record = Record {
         object: arguments.folder.clone(),
         environment: arguments.environment.clone(),
+        convention: arguments.convention.map(Convention::name),
         exposure: arguments.exposure,
         rotate: arguments.rotate,
+        backdrop: arguments.backdrop,
         samples: arguments.samples as usize,
         seed: arguments.seed,
         cameras: cameras
@@ -175,12 +177,15 @@ impl RelightArguments {
 }
 
 fn size(text: &str) -> Result<[usize; 2], String> {
-    let side = |text: &str| text.parse().ok().filter(|side| (1..=8192).contains(side));
+    let possible = 1..=MAX_PICTURE_SIDE;
+    let side = |text: &str| text.parse().ok().filter(|side| possible.contains(side));
     let sides = text.split_once(['x', 'X', '×']);
     sides
         .and_then(|(width, height)| Some([side(width)?, side(height)?]))
         .ok_or_else(|| {
-            format!("`{text}` is not a size; write for example 800x600, each from 1 to 8192")
+            format!(
+                "`{text}` is not a size; write for example 800x600, each from 1 to {MAX_PICTURE_SIDE}"
+            )
         })
 }
 

@@ -65,13 +65,15 @@ pub(super) struct PaperArguments {
     /// The paper's scale where that is a matter of minutes; three seeds and ten minutes for a reconstruction.
     #[arg(long, conflicts_with = "quick")]
     pub full: bool,
-    /// Folder of captures with their truth, for the studies that reconstruct.
-    #[arg(long, value_name = "DIR", default_value = "captures/reconstruct")]
+    /// Folder of captures with their truth, for the studies that reconstruct; `lambertian` needs a capture NAME and the same
+    /// without anybody in the light, NAME-unoccluded.
+    #[arg(long, value_name = "DIR", default_value = "tests/captures")]
     pub captures: PathBuf,
     /// Folder of a capture of real photographs, for the study `real` [default: the environment variable ECLIPSE_REAL].
     #[arg(long, value_name = "DIR")]
     pub real: Option<PathBuf>,
-    /// Time for each reconstruction [default: 2m, or 10m with --full; less for small captures].
+    /// Time for each reconstruction of those captures [default: 2m, or 10m with --full]. Captures that a study makes for itself
+    /// take a fixed number of steps.
     #[arg(long, value_name = "TIME", value_parser = units::duration)]
     pub time_limit: Option<f64>,
     /// Threads [default: all].
@@ -160,7 +162,7 @@ fn every(
                 Err(error @ StudyError::Stopped) => return Err(failure(error)),
                 Err(error) => {
                     (bench.tell)(&format!("{} did not run: {error}", study.name()));
-                    failed.push(study.name());
+                    failed.push(format!("{}: {error}", study.name()));
                 }
             }
         }
@@ -177,7 +179,7 @@ fn every(
             "{} of {} studies did not run: {}",
             failed.len(),
             studies::all().len(),
-            failed.join(", ")
+            failed.join("; ")
         ))),
     }
 }
@@ -219,7 +221,7 @@ impl PaperArguments {
     ) -> Result<T, Failure> {
         let scale = if self.full { Scale::Full } else { Scale::Quick };
         let err = RefCell::new(err);
-        let (style, lines) = (self.progress.style(false), Lines::default());
+        let (style, lines) = (self.progress.style(self.json), Lines::default());
         let tell = |message: &str| match style {
             // A message that nobody reads is no failure.
             Style::Bar => {
@@ -228,6 +230,11 @@ impl PaperArguments {
             Style::Lines => lines.tell(&Event::stage(message)),
             Style::Hidden => {}
         };
+        if let Some(threads) = self.threads {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.into());
+            // Only the first of a process counts, and a command makes one.
+            let _ = pool.build_global();
+        }
         let mut bench = Bench::new(scale, &self.captures, stop_on_interrupt()?, &tell);
         bench.threads = self.threads.map_or(bench.threads, usize::from);
         bench.time_limit = self.time_limit;

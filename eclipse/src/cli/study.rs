@@ -11,7 +11,7 @@ use serde::Deserialize;
 
 use super::{
     Failure, Outcome,
-    cases::CaseArguments,
+    cases::{CaseArguments, Ended},
     diagnose,
     nulls::{self, NullsArguments},
     shown::ProgressArguments,
@@ -22,7 +22,7 @@ use crate::{
     criticism::{
         self,
         oracle::yardstick,
-        study_scores::{Case, Scores},
+        study_scores::{self, Case, Scores},
     },
     files::{lock::Lock, read_limited},
     output,
@@ -58,7 +58,7 @@ pub(super) struct MismatchArguments {
     /// Folder whose subfolders hold a reconstruction for each capture [default: made anew].
     #[arg(long, value_name = "DIR")]
     pub reconstructions: Option<PathBuf>,
-    /// Folder for a page for each capture.
+    /// Folder for a page for each capture and scores.json.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Only captures whose name contains this.
@@ -106,6 +106,7 @@ pub(super) fn run(
             arguments.labels.display()
         ))
     })?;
+    check(&labels, &arguments.labels)?;
     let stop = stop_on_interrupt()?;
     let lock = |folder: &PathBuf| {
         output::prepare(folder).map_err(Failure::failed)?;
@@ -114,7 +115,7 @@ pub(super) fn run(
     let _lock = arguments.out.as_ref().map(lock).transpose()?;
     let style = arguments.cases.progress.style(false);
     let lines = Lines::default();
-    let mut cases = Vec::new();
+    let (mut cases, mut ended) = (Vec::new(), Ended::default());
     for (index, (name, label)) in labels.iter().enumerate() {
         if style == Style::Lines {
             lines.tell(&Event {
@@ -143,23 +144,48 @@ pub(super) fn run(
             measure = yardstick(outcome, &label.effects)?;
             Ok(())
         };
-        let Some(diagnosis) = diagnose::diagnose(&job, stop, &mut told)? else {
-            return Ok(Outcome::Interrupted);
+        let diagnosis = match diagnose::diagnose(&job, stop, &mut told) {
+            Ok(Some(diagnosis)) => diagnosis,
+            Ok(None) => {
+                ended.interrupted = true;
+                break;
+            }
+            Err(failure) => {
+                ended.fail(name, failure, style, err);
+                continue;
+            }
         };
         let case = Case::new(name, &label.effects, &diagnosis, measure);
         if style == Style::Bar {
             let _ = writeln!(err, "{}", case.line());
         }
         cases.push(case);
+        ended.diagnosed += 1;
     }
-    if cases.is_empty() {
+    if ended.is_empty() {
         return Err(Failure::bad_input(format!(
             "no folder in {} has a name that the labels know",
             arguments.captures.display()
         )));
     }
+    let (scores, folder) = (Scores::new(cases), arguments.out.as_deref());
     arguments
         .cases
-        .print(out, &Scores::new(cases), Scores::table)?;
-    Ok(Outcome::Done)
+        .end(out, folder, &scores, Scores::table, ended)
+}
+
+/// Refuses labels that no diagnosis could ever match.
+fn check(labels: &BTreeMap<String, Label>, path: &Path) -> Result<(), Failure> {
+    let known = study_scores::names();
+    for (name, label) in labels {
+        let unknown = |id: &&String| !known.contains(&id.as_str());
+        if let Some(id) = label.effects.iter().find(unknown) {
+            return Err(Failure::bad_input(format!(
+                "{}: the label of {name:?} names {id:?}, which is no effect; expected some of {}",
+                path.display(),
+                known.join(", ")
+            )));
+        }
+    }
+    Ok(())
 }

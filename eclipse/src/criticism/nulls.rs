@@ -7,7 +7,16 @@ mod fine_texture;
 mod more_noise;
 pub mod scenes;
 
-use crate::capture::Capture;
+use std::{fs, path::Path};
+
+use crate::{
+    capture::{self, Capture, CaptureError},
+    checkpoint::fingerprint,
+    files::read_limited,
+};
+
+/// The file of a derived capture that holds the fingerprint of its base.
+const BASE: &str = "base.fingerprint";
 
 /// What a derived null holds that its base does not.
 pub trait Structure: Sync {
@@ -27,6 +36,34 @@ impl Structure for Plain {
     }
 
     fn derive(&self, _: &mut Capture) {}
+}
+
+/// Writes to `folder` what `structure` makes of `base`, unless it is there already, derived from the same capture.
+///
+/// # Errors
+/// [`CaptureError`]: a folder that cannot be written, or holds anything but a capture.
+pub fn derive_into(
+    folder: &Path,
+    mut base: Capture,
+    structure: &dyn Structure,
+) -> Result<(), CaptureError> {
+    let failed = |source| CaptureError::Write {
+        path: folder.to_owned(),
+        source,
+    };
+    let mark = format!("{:016x}\n", fingerprint(&base));
+    let path = folder.join(BASE);
+    if read_limited(&path, mark.len() as u64).is_ok_and(|found| found == mark.as_bytes()) {
+        return Ok(());
+    }
+    structure.derive(&mut base);
+    // Derived from another base, or from one that was edited since.
+    if folder.join("transforms.json").is_file() {
+        fs::remove_dir_all(folder).map_err(failed)?;
+    }
+    capture::write_with(folder, &base, |staging| {
+        fs::write(staging.join(BASE), &mark).map_err(failed)
+    })
 }
 
 /// All of them.

@@ -23,28 +23,56 @@ const SHOWN_NUMBERS: usize = 8;
 /// Frames shown on the page.
 const SHOWN: usize = 6;
 
-/// Writes everything into a folder, the page last.
+/// What a frame has maps of.
+const KINDS: [&str; 4] = [
+    "residual-before",
+    "residual-after",
+    "significance-before",
+    "significance-after",
+];
+
+/// Writes everything into a folder, the page last; maps of an earlier diagnosis are removed first.
 ///
 /// # Errors
 /// A file that cannot be written.
 pub fn write(folder: &Path, outcome: &Outcome<'_>) -> Result<(), PageError> {
-    fs::create_dir_all(folder.join("maps"))?;
+    let inner = folder.join(layout::MAPS);
+    fs::create_dir_all(&inner)?;
     let frames = maps::frames(outcome);
+    remove_maps(&inner)?;
     for (t, frame) in frames.iter().enumerate() {
-        let name = |what: &str| {
-            folder
-                .join("maps")
-                .join(format!("{what}-{}", layout::numbered(t)))
-        };
-        let rgb = ["R", "G", "B"];
-        write_exr(&name("residual-before"), &frame.residual[0], &rgb)?;
-        write_exr(&name("residual-after"), &frame.residual[1], &rgb)?;
-        write_exr(&name("significance-before"), &frame.significance[0], &["Y"])?;
-        write_exr(&name("significance-after"), &frame.significance[1], &["Y"])?;
+        let [before, after] = &frame.residual;
+        let [unlikely_before, unlikely_after] = &frame.significance;
+        for (kind, map) in KINDS
+            .iter()
+            .zip([before, after, unlikely_before, unlikely_after])
+        {
+            let path = inner.join(format!("{kind}-{}", layout::numbered(t)));
+            let channels: &[&str] = match map.channels {
+                1 => &["Y"],
+                _ => &["R", "G", "B"],
+            };
+            write_exr(&path, map, channels)?;
+        }
     }
     let json = serde_json::to_string_pretty(&outcome.diagnosis)?;
     put(&folder.join("diagnosis.json"), &json)?;
     put(&folder.join("diagnosis.html"), &html(outcome, &frames)?)?;
+    Ok(())
+}
+
+/// Removes the maps of a diagnosis that was of other frames.
+fn remove_maps(folder: &Path) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let path = entry?.path();
+        let stem = path.file_stem().and_then(|stem| stem.to_str());
+        let ours = stem
+            .and_then(|stem| stem.rsplit_once('-'))
+            .is_some_and(|(kind, number)| KINDS.contains(&kind) && number.parse::<u32>().is_ok());
+        if ours && path.extension().is_some_and(|extension| extension == "exr") {
+            fs::remove_file(&path)?;
+        }
+    }
     Ok(())
 }
 
@@ -339,4 +367,23 @@ pub enum PageError {
     /// A number that JSON cannot hold.
     #[error("cannot write diagnosis.json: {0}")]
     Json(#[from] serde_json::Error),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn maps_of_an_earlier_diagnosis_are_removed_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        let ours = ["residual-before-000.exr", "significance-after-1000.exr"];
+        let others = ["residual-before-mine.exr", "000.exr", "notes-000.txt"];
+        for name in ours.iter().chain(&others) {
+            fs::write(path(name), "x").unwrap();
+        }
+        remove_maps(folder.path()).unwrap();
+        assert!(!ours.iter().any(|name| path(name).exists()));
+        assert!(others.iter().all(|name| path(name).exists()));
+    }
 }

@@ -1,6 +1,9 @@
 //! A capture and its simulation, prepared to be compared.
 
-use std::{path::Path, sync::Arc};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 use render::{bvh::Bvh, image::Image, lat_long::LatLong, mesh::MeshError};
 
@@ -14,7 +17,7 @@ use super::{
     transport::{Lobe, Transport},
 };
 use crate::{
-    capture::Capture,
+    capture::{Capture, Frame},
     files::read_limited,
     image_io::{self, ExrFile, ImageIoError},
     layout,
@@ -52,15 +55,39 @@ impl Simulation {
         }
     }
 
-    /// Of the folder that `reconstruct` wrote, for a capture of `frames` frames.
+    /// Of the folder that `reconstruct` wrote for this capture.
     ///
     /// # Errors
-    /// A file that is missing or damaged.
-    pub fn load(folder: &Path, frames: usize) -> Result<Self, ImageIoError> {
+    /// A file that is missing, damaged or of another capture.
+    pub fn load(folder: &Path, capture: &Capture) -> Result<Self, SimulationError> {
+        let frames = capture.frames.len();
         let numbered = |name: &str, t: usize| folder.join(name).join(layout::numbered(t));
-        let renders = (0..frames)
-            .map(|t| image_io::read_exr(&numbered(layout::RENDERS, t)))
-            .collect::<Result<_, _>>()?;
+        let found = (0..)
+            .take_while(|t| numbered(layout::RENDERS, *t).is_file())
+            .count();
+        if found != frames {
+            return Err(SimulationError::Count {
+                path: folder.join(layout::RENDERS),
+                found,
+                expected: frames,
+            });
+        }
+        let render = |(t, frame): (usize, &Frame)| {
+            let path = numbered(layout::RENDERS, t);
+            let render = image_io::read_exr(&path)?.to_rgb();
+            let size = |image: &Image| [image.width, image.height];
+            let (found, expected) = (size(&render), size(&frame.image));
+            if found != expected {
+                return Err(SimulationError::Size {
+                    path,
+                    found,
+                    expected,
+                });
+            }
+            Ok(render)
+        };
+        let renders = capture.frames.iter().enumerate().map(render);
+        let renders = renders.collect::<Result<_, _>>()?;
         let materials: Vec<Image> = (0..frames)
             .map(|t| {
                 Ok(materials_of(&image_io::read_exr_file(&numbered(
@@ -78,7 +105,7 @@ impl Simulation {
             Vec::new()
         };
         Ok(Self {
-            environment: image_io::read_exr(&folder.join(layout::ENVIRONMENT))?,
+            environment: image_io::read_exr(&folder.join(layout::ENVIRONMENT))?.to_rgb(),
             lobe: lobe_or_usual(&materials, is_lambertian(folder)),
             renders,
             occluders,
@@ -158,7 +185,7 @@ impl<'a> Study<'a> {
     /// Prepares about `sites` places of the surface and a grid of light of `rows` × 2 `rows`.
     ///
     /// # Errors
-    /// A mesh that cannot be traced, or no place that is seen well.
+    /// A mesh that cannot be traced, no place that is seen well, or renders that are not of the photographs' size.
     pub fn new(
         capture: &'a Capture,
         simulation: &Simulation,
@@ -166,6 +193,7 @@ impl<'a> Study<'a> {
         rows: usize,
         seed: u64,
     ) -> Result<Self, StudyError> {
+        let renders = cut_out(capture, &simulation.renders)?;
         let bvh = Bvh::new(&capture.mesh)?;
         let noise = noise::estimate(&capture.frames);
         let seen = Observations::gather(capture, &bvh, &noise, sites, seed);
@@ -217,7 +245,7 @@ impl<'a> Study<'a> {
             light: Arc::new(light),
             radiance,
             lobe: simulation.lobe,
-            renders: cut_out(capture, &simulation.renders),
+            renders,
             radius: capture.mesh.bounding_radius(),
             texture: Arc::new(Bumps::texture(&positions)),
             seen,
@@ -303,23 +331,53 @@ fn resampled(environment: &Image, grid: LatLong) -> Vec<f32> {
 }
 
 /// Renders with the photographs' own coverage, so that edges are where they are in the photographs.
-fn cut_out(capture: &Capture, renders: &[Image]) -> Vec<Image> {
-    capture
-        .frames
-        .iter()
-        .enumerate()
-        .map(|(t, frame)| {
-            let (width, height) = (frame.image.width, frame.image.height);
-            let mut image = match renders.get(t) {
-                Some(render) if (render.width, render.height) == (width, height) => render.clone(),
-                _ => frame.image.clone(),
-            };
-            for (pixel, mask) in image.data.chunks_exact_mut(3).zip(&frame.mask.data) {
-                pixel.iter_mut().for_each(|p| *p *= mask);
-            }
-            image
-        })
-        .collect()
+fn cut_out(capture: &Capture, renders: &[Image]) -> Result<Vec<Image>, StudyError> {
+    let size = |image: &Image| [image.width, image.height];
+    let all_fit = renders.len() == capture.frames.len()
+        && renders.iter().zip(&capture.frames).all(|(render, frame)| {
+            size(render) == size(&frame.image) && render.channels == frame.image.channels
+        });
+    if !all_fit {
+        return Err(StudyError::Renders);
+    }
+    let mut renders = renders.to_vec();
+    for (render, frame) in renders.iter_mut().zip(&capture.frames) {
+        for (pixel, mask) in render.data.chunks_exact_mut(3).zip(&frame.mask.data) {
+            pixel.iter_mut().for_each(|p| *p *= mask);
+        }
+    }
+    Ok(renders)
+}
+
+/// Why a reconstruction cannot be what a diagnosis starts from.
+#[derive(Debug, thiserror::Error)]
+pub enum SimulationError {
+    /// An image cannot be read.
+    #[error(transparent)]
+    Image(#[from] ImageIoError),
+    /// Renders of other photographs.
+    #[error("{} holds {found} renders, but the capture has {expected} frames: name the folder that reconstruct wrote for this capture", path.display())]
+    Count {
+        /// Their folder.
+        path: PathBuf,
+        /// How many there are.
+        found: usize,
+        /// How many frames the capture has.
+        expected: usize,
+    },
+    /// A render of another size than its photograph.
+    #[error(
+        "{} has {} × {} pixels, but the photograph {} × {}: name the folder that reconstruct wrote for this capture",
+        path.display(), found[0], found[1], expected[0], expected[1]
+    )]
+    Size {
+        /// The file.
+        path: PathBuf,
+        /// Its pixels across and down.
+        found: [usize; 2],
+        /// The photograph's.
+        expected: [usize; 2],
+    },
 }
 
 /// Why a capture cannot be diagnosed.
@@ -328,6 +386,11 @@ pub enum StudyError {
     /// The mesh cannot be traced.
     #[error(transparent)]
     Mesh(#[from] MeshError),
+    /// A simulation of something else.
+    #[error(
+        "the simulation's renders are not of the photographs' number and size: simulate this capture"
+    )]
+    Renders,
     /// Nothing to compare.
     #[error(
         "only {views} places of the surface are seen well in three frames or more; expected at least 200: check masks and poses, \

@@ -4,10 +4,16 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::{Diagnosis, Verdict, oracle::Yardstick};
+use super::{Diagnosis, Verdict, effects, oracle::Yardstick};
 
 /// Identifier of an effect that no table knows.
 const OUTSIDE: &str = "outside";
+
+/// All that a label may call true.
+pub fn names() -> Vec<&'static str> {
+    let effects = effects::all().into_iter().map(|effect| effect.id());
+    effects.chain([OUTSIDE]).collect()
+}
 
 /// One capture's outcome.
 #[derive(Clone, Debug, Serialize)]
@@ -63,7 +69,7 @@ impl Case {
         }
     }
 
-    /// Whether the true effect comes first: named, or leading the ranking where nothing was named.
+    /// Whether the true effect is the first that was named.
     fn top1(&self) -> bool {
         self.found.first().is_some_and(|f| self.truth.contains(f))
     }

@@ -13,19 +13,23 @@ use super::{
     materials::{Specular, TrueAlbedo},
 };
 use crate::{
+    capture::{self, CaptureError},
+    files::read_limited,
     image_io::{read_exr, read_exr_file, read_image},
     layout,
 };
 
 /// Coverage from which a pixel counts as the object's: half floats round 1 no further than this.
 const COVERED: f32 = 0.999;
+/// Largest `metrics.json` or `truth.json` that is read, in bytes.
+const MAX_JSON: u64 = 1 << 26;
 
 /// Reads a run's outputs; only the environment must be there.
 ///
 /// # Errors
 /// A file that is missing or cannot be read.
 pub fn estimate(folder: &Path) -> Result<Estimate, EvaluateError> {
-    let environment = colour(&folder.join(layout::ENVIRONMENT))?;
+    let environment = read_exr(&folder.join(layout::ENVIRONMENT))?.to_rgb();
     let mut materials = Vec::new();
     for path in images(&folder.join(layout::MATERIALS), "")? {
         let file = read_exr_file(&path)?;
@@ -37,7 +41,7 @@ pub fn estimate(folder: &Path) -> Result<Estimate, EvaluateError> {
     let masks = images(&folder.join(layout::OCCLUDERS), "")?;
     let occluders = masks
         .iter()
-        .map(|path| read_exr(path))
+        .map(|path| read_exr(path).map(|mask| first_channel(&mask)))
         .collect::<Result<_, _>>()?;
     let metrics = json(&folder.join(layout::METRICS))?.unwrap_or_default();
     Ok(Estimate {
@@ -53,19 +57,22 @@ pub fn estimate(folder: &Path) -> Result<Estimate, EvaluateError> {
 /// # Errors
 /// A file that cannot be read, or a folder without any truth.
 pub fn truth(folder: &Path) -> Result<Truth, EvaluateError> {
-    let environment = optional(&folder.join("environment.exr"))?;
-    let occluders = optional(&folder.join("occluders.exr"))?.map(|stack| unstack(&stack));
-    let coverage = coverage(folder)?;
+    let environment = optional(&folder.join("environment.exr"))?.map(|map| map.to_rgb());
+    let occluders = optional(&folder.join("occluders.exr"))?;
+    let occluders = occluders.map(|stack| unstack(&first_channel(&stack)));
+    let images = images(folder, "albedo_")?;
+    let coverage = match images.is_empty() {
+        true => Vec::new(),
+        false => coverage(folder)?,
+    };
     let mut albedo = Vec::new();
-    for (index, path) in images(folder, "albedo_")?.iter().enumerate() {
-        let image = colour(path)?;
-        let photograph = coverage
-            .get(index)
-            .map(|path| read_image(path, None))
-            .transpose()?;
+    for (index, path) in images.iter().enumerate() {
+        let image = read_exr(path)?;
+        let photograph = coverage.get(index).and_then(Option::as_ref);
+        let photograph = photograph.map(|path| read_image(path, None)).transpose()?;
         let object = object(&image, photograph.as_ref());
         albedo.push(TrueAlbedo {
-            albedo: image,
+            albedo: image.to_rgb(),
             object,
         });
     }
@@ -98,34 +105,20 @@ struct Scene {
     kappa: Option<f64>,
 }
 
-/// The part of `transforms.json` that names the photographs.
-#[derive(Deserialize)]
-struct Transforms {
-    frames: Vec<TransformsFrame>,
-}
-
-#[derive(Deserialize)]
-struct TransformsFrame {
-    file_path: PathBuf,
-}
-
-/// The capture's photographs, whose alpha says which pixels are the object's.
-fn coverage(truth: &Path) -> Result<Vec<PathBuf>, EvaluateError> {
-    let capture = truth.join("..");
-    let transforms: Option<Transforms> = json(&capture.join("transforms.json"))?;
-    let frames = transforms
-        .into_iter()
-        .flat_map(|transforms| transforms.frames);
-    Ok(frames
-        .map(|frame| capture.join(frame.file_path))
-        .filter(|path| path.is_file())
-        .collect())
+/// The capture's photographs, whose alpha says which pixels are the object's: of each frame, where it is there.
+fn coverage(truth: &Path) -> Result<Vec<Option<PathBuf>>, EvaluateError> {
+    match capture::photographs(&truth.join("..")) {
+        // A truth may lie anywhere.
+        Err(CaptureError::NoFormat { .. }) => Ok(Vec::new()),
+        found => Ok(found?),
+    }
 }
 
 /// Object pixels: by the albedo's own alpha, else the photograph's, else those that are not black.
 fn object(albedo: &Image, photograph: Option<&Image>) -> Vec<bool> {
     let with_alpha = |image: &&Image| {
-        image.channels == 4 && (image.width, image.height) == (albedo.width, albedo.height)
+        image.channels.is_multiple_of(2)
+            && (image.width, image.height) == (albedo.width, albedo.height)
     };
     match [Some(albedo), photograph]
         .into_iter()
@@ -134,8 +127,8 @@ fn object(albedo: &Image, photograph: Option<&Image>) -> Vec<bool> {
     {
         Some(image) => image
             .data
-            .chunks_exact(4)
-            .map(|pixel| pixel[3] >= COVERED)
+            .chunks_exact(image.channels)
+            .map(|pixel| pixel[image.channels - 1] >= COVERED)
             .collect(),
         None => albedo
             .data
@@ -181,34 +174,26 @@ fn images(folder: &Path, prefix: &str) -> Result<Vec<PathBuf>, EvaluateError> {
     Ok(paths)
 }
 
-/// An image with three channels at least: grey ones are repeated.
-fn colour(path: &Path) -> Result<Image, EvaluateError> {
-    let image = read_exr(path)?;
-    if image.channels >= 3 {
-        return Ok(image);
+/// What masks have to say, whatever they are stored as.
+fn first_channel(image: &Image) -> Image {
+    let values = image.data.iter().step_by(image.channels);
+    Image {
+        channels: 1,
+        data: values.copied().collect(),
+        ..*image
     }
-    let data = image
-        .data
-        .chunks_exact(image.channels)
-        .flat_map(|pixel| [pixel[0]; 3])
-        .collect();
-    Ok(Image {
-        channels: 3,
-        data,
-        ..image
-    })
 }
 
 fn optional(path: &Path) -> Result<Option<Image>, EvaluateError> {
     if path.exists() {
-        Ok(Some(colour(path)?))
+        Ok(Some(read_exr(path)?))
     } else {
         Ok(None)
     }
 }
 
 fn json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, EvaluateError> {
-    match fs::read(path) {
+    match read_limited(path, MAX_JSON) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
         Err(source) => Err(EvaluateError::Read {
             path: path.to_owned(),

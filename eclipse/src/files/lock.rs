@@ -6,8 +6,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::atomic::PREFIX;
-use crate::layout::{ALBEDO_SD, MATERIALS, OCCLUDERS, OCCLUDERS_SD, RENDERS};
+use super::atomic::{PREFIX, sweep_folders};
+use crate::layout::{ALBEDO_SD, MAPS, MATERIALS, OCCLUDERS, OCCLUDERS_SD, RENDERS};
 
 /// The file that is locked. A killed run leaves it, which does no harm: only the lock on it means anything, and the system gives
 /// that back however a run ends.
@@ -46,7 +46,7 @@ impl Lock {
     }
 
     /// Takes the name of a folder that is not there yet, and whose parent is made: by a file beside it, which is removed at the
-    /// end.
+    /// end. What a run that was to make it left when it was killed is removed.
     ///
     /// # Errors
     /// As [`acquire`](Self::acquire).
@@ -63,7 +63,9 @@ impl Lock {
         {
             fs::create_dir_all(parent).map_err(failed)?;
         }
-        Self::take(folder, path)
+        let lock = Self::take(folder, path.clone())?;
+        sweep_folders(folder).map_err(failed)?;
+        Ok(lock)
     }
 
     fn take(folder: &Path, path: PathBuf) -> Result<Self, LockError> {
@@ -130,8 +132,8 @@ fn same(_file: &File, _path: &Path) -> bool {
 ///
 /// Other folders may have a writer of their own.
 fn sweep(folder: &Path) -> io::Result<()> {
-    let inner =
-        [ALBEDO_SD, MATERIALS, OCCLUDERS, OCCLUDERS_SD, RENDERS].map(|name| folder.join(name));
+    let inner = [ALBEDO_SD, MAPS, MATERIALS, OCCLUDERS, OCCLUDERS_SD, RENDERS]
+        .map(|name| folder.join(name));
     for folder in [folder.to_owned()].into_iter().chain(inner) {
         let entries = match fs::read_dir(&folder) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
@@ -207,17 +209,31 @@ mod tests {
     #[test]
     fn what_was_half_written_is_swept_away_and_nothing_else() {
         let folder = tempfile::tempdir().unwrap();
-        let inner = folder.path().join("renders");
-        fs::create_dir(&inner).unwrap();
-        for path in [
-            folder.path().join(".writing-a"),
-            inner.join(".writing-b"),
-            inner.join("000.exr"),
-        ] {
-            fs::write(path, "x").unwrap();
+        fs::write(folder.path().join(".writing-a"), "x").unwrap();
+        let inner = ["renders", "maps"].map(|name| folder.path().join(name));
+        for inner in &inner {
+            fs::create_dir(inner).unwrap();
+            fs::write(inner.join(".writing-b"), "x").unwrap();
+            fs::write(inner.join("000.exr"), "x").unwrap();
         }
         Lock::acquire(folder.path()).unwrap();
-        assert!(!folder.path().join(".writing-a").exists() && !inner.join(".writing-b").exists());
-        assert!(inner.join("000.exr").exists());
+        assert!(!folder.path().join(".writing-a").exists());
+        for inner in &inner {
+            assert!(!inner.join(".writing-b").exists() && inner.join("000.exr").exists());
+        }
+    }
+
+    #[test]
+    fn a_folder_that_a_killed_run_was_making_is_swept_away_and_no_others() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("made");
+        // Killed: what drops is not run.
+        let stale = super::super::atomic::stage_folder(&path).unwrap().keep();
+        fs::write(stale.join("000.exr"), "x").unwrap();
+        let others = ["made-too", "ma", "other"]
+            .map(|name| super::super::atomic::stage_folder(&folder.path().join(name)).unwrap());
+        drop(Lock::beside(&path).unwrap());
+        assert!(!stale.exists());
+        assert!(others.iter().all(|other| other.path().is_dir()));
     }
 }

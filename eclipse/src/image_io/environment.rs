@@ -10,7 +10,7 @@ use render::{
     lat_long::LatLong,
 };
 
-use super::{ImageIoError, decode_exr, openexr::MAGIC, read_bytes, read_image};
+use super::{ImageIoError, check_size, decode_exr, openexr::MAGIC, read_bytes, read_image};
 use crate::layout::CONVENTION;
 
 /// How an environment map is read.
@@ -47,6 +47,14 @@ pub fn read_environment(
     options: &EnvironmentOptions,
 ) -> Result<EnvironmentMap, EnvironmentIoError> {
     let (image, named) = read(path)?;
+    // Files that name a convention are ours, and some layouts have other grids: Mitsuba's has rows at both poles.
+    if named.is_none() && image.width != 2 * image.height {
+        return Err(EnvironmentIoError::Shape {
+            path: path.into(),
+            width: image.width,
+            height: image.height,
+        });
+    }
     let named = named.map(|name| {
         name.parse()
             .map_err(|problem| EnvironmentIoError::Convention {
@@ -75,6 +83,7 @@ pub fn read_environment(
     {
         return Ok(map);
     }
+    check_size(path, fine.columns, fine.rows, 3)?;
     let turn = Mat3::from_rotation_z(options.rotate.to_radians());
     let fine = convert(map.image(), convention, Convention::Blender, fine, turn);
     checked(parts.map_or_else(|| fine.clone(), |(_, parts)| mean_of_blocks(&fine, parts)))
@@ -127,6 +136,19 @@ pub enum EnvironmentIoError {
     /// The image cannot be read.
     #[error(transparent)]
     Image(#[from] ImageIoError),
+    /// The image does not have the shape of a sphere.
+    #[error(
+        "{} is {width} × {height}; expected an equirectangular map, twice as wide as high: convert light probes and cube crosses to one",
+        path.display()
+    )]
+    Shape {
+        /// The file.
+        path: std::path::PathBuf,
+        /// Pixels across.
+        width: usize,
+        /// Pixels down.
+        height: usize,
+    },
     /// The file names a convention that is not known.
     #[error("{}: its attribute `{CONVENTION}`: {problem}; or name the layout with --convention", path.display())]
     Convention {
@@ -191,6 +213,57 @@ mod tests {
             let map = read_environment(&path, &options).unwrap();
             assert_eq!([map.image().width, map.image().height], expected);
         }
+    }
+
+    #[test]
+    fn only_maps_of_the_sphere_are_read_and_none_that_would_grow_beyond_bounds() {
+        let folder = tempfile::tempdir().unwrap();
+        let refused = |name: &str, options: &EnvironmentOptions| {
+            let error = read_environment(&folder.path().join(name), options).unwrap_err();
+            error.to_string()
+        };
+        let strip = Image::filled(1, 1 << 16, 1, 0.5);
+        super::super::write_png8(&folder.path().join("strip.png"), &strip).unwrap();
+        for rows in [Rows::Own, Rows::AtMost(4), Rows::Exactly(9)] {
+            let options = EnvironmentOptions {
+                rows,
+                convention: Some(Convention::OpenExr),
+                ..Default::default()
+            };
+            let error = refused("strip.png", &options);
+            assert!(
+                error.contains("strip.png is 1 × 65536; expected an equirectangular map"),
+                "{error}"
+            );
+        }
+
+        // A name does not lift the bound on the grid that it would be brought to.
+        let named = |name: &str, convention: Convention, map: &Image| {
+            let mut options = super::super::ExrOptions::default();
+            let value = convention.name().to_owned();
+            options.metadata.insert(CONVENTION.to_owned(), value);
+            let path = folder.path().join(name);
+            super::super::write_exr_with(&path, map, &["R", "G", "B"], &options).unwrap();
+            path
+        };
+        let strip = Image::filled(1, 1 << 16, 3, 0.5);
+        named("strip.exr", Convention::OpenExr, &strip);
+        let turned = EnvironmentOptions {
+            rotate: 90.0,
+            rows: Rows::AtMost(4),
+            ..Default::default()
+        };
+        let error = refused("strip.exr", &turned);
+        assert!(error.contains("131072 × 65536"), "{error}");
+
+        // What we export for Mitsuba has a row at each pole.
+        let mitsuba = named(
+            "mitsuba.exr",
+            Convention::Mitsuba,
+            &Image::filled(16, 17, 3, 0.5),
+        );
+        let map = read_environment(&mitsuba, &EnvironmentOptions::default()).unwrap();
+        assert_eq!([map.image().width, map.image().height], [16, 17]);
     }
 
     #[test]

@@ -144,7 +144,7 @@ pub fn run(
         samples_per_second: 0.0,
         seconds: solution.seconds,
     });
-    finish::finish(solution, capture, bvh, settings, noise, used)
+    finish::finish(solution, capture, bvh, settings, noise)
 }
 
 /// The bytes of memory that a run plans to take at its peak.

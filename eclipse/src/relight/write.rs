@@ -25,10 +25,14 @@ pub struct Record {
     pub object: PathBuf,
     /// The light's file.
     pub environment: PathBuf,
+    /// How the light was said to be laid out; `None` where its file had to tell.
+    pub convention: Option<&'static str>,
     /// Stops of exposure.
     pub exposure: f32,
     /// Degrees by which the light was turned.
     pub rotate: f32,
+    /// Whether the light is seen beside the object.
+    pub backdrop: bool,
     /// Paths a pixel.
     pub samples: usize,
     /// Seed of the random numbers.
@@ -44,7 +48,8 @@ pub struct Folder {
 }
 
 impl Folder {
-    /// Makes the folder, or takes one of earlier pictures, of which those are removed that no new one will replace.
+    /// Makes the folder, or takes one of earlier pictures, which are removed: a record is of all pictures beside it, even when the
+    /// run is interrupted.
     ///
     /// # Errors
     /// [`RelightError::Occupied`] when it holds anything else, so that nobody's photographs are written over.
@@ -57,7 +62,7 @@ impl Folder {
         let mut stale = Vec::new();
         for entry in fs::read_dir(path).map_err(failed)? {
             let entry = entry.map_err(failed)?.path();
-            if number(&entry).is_some_and(|number| number >= record.cameras.len()) {
+            if is_picture(&entry) {
                 stale.push(entry);
             }
         }
@@ -91,13 +96,12 @@ impl Folder {
     }
 }
 
-/// The number of a picture of ours.
-fn number(path: &Path) -> Option<usize> {
-    let ours = path
-        .extension()
-        .is_some_and(|extension| extension == "exr" || extension == "png");
-    ours.then(|| path.file_stem()?.to_str()?.parse().ok())
-        .flatten()
+/// Whether a file is a picture of ours, by its name: a number.
+fn is_picture(path: &Path) -> bool {
+    let stem = path.file_stem().and_then(|stem| stem.to_str());
+    path.extension()
+        .is_some_and(|extension| extension == "exr" || extension == "png")
+        && stem.is_some_and(|stem| stem.parse::<usize>().is_ok())
 }
 
 /// As PNG files hold pictures: colours of their own, and the share of the pixel that has them.
@@ -119,6 +123,36 @@ fn shown(picture: &Image) -> Image {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn pictures_of_another_light_are_gone_before_its_record_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut record = Record {
+            object: "run".into(),
+            environment: "studio.exr".into(),
+            convention: None,
+            exposure: 0.0,
+            rotate: 0.0,
+            backdrop: false,
+            samples: 1,
+            seed: 0,
+            cameras: vec![[[0.0; 4]; 4]; 3],
+        };
+        let pictures = ["000.exr", "000.png", "002.png"].map(|name| folder.path().join(name));
+        drop(Folder::prepare(folder.path(), &record).unwrap());
+        let other = folder.path().join("notes.txt");
+        for path in pictures.iter().chain([&other]) {
+            fs::write(path, "x").unwrap();
+        }
+        record.convention = Some("mitsuba");
+        record.backdrop = true;
+        drop(Folder::prepare(folder.path(), &record).unwrap());
+        assert!(!pictures.iter().any(|path| path.exists()) && other.exists());
+        let written = fs::read(folder.path().join(RECORD)).unwrap();
+        let written: serde_json::Value = serde_json::from_slice(&written).unwrap();
+        assert_eq!(written["convention"], "mitsuba");
+        assert_eq!(written["backdrop"], true);
+    }
 
     #[test]
     fn half_covered_pixels_keep_their_colour_in_png() {

@@ -75,9 +75,11 @@ impl Pair {
 
     /// By the worst seed with somebody in the light and the best without: a tenth less at least.
     fn held(&self) -> bool {
-        let worst = Self::errors(&self.shadows).into_iter().fold(0.0, f64::max);
-        let alone = Self::errors(&self.alone).into_iter();
-        worst < MARGIN * alone.fold(f64::INFINITY, f64::min)
+        let (shadows, alone) = (Self::errors(&self.shadows), Self::errors(&self.alone));
+        let mut pairs = shadows
+            .iter()
+            .flat_map(|s| alone.iter().map(move |a| (s, a)));
+        pairs.all(|(shadow, alone)| *shadow < MARGIN * alone)
     }
 }
 

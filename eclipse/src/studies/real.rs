@@ -119,8 +119,7 @@ fn evidence(
         ));
     }
     let frame = (0..capture.frames.len())
-        .step_by(HOLD_OUT)
-        .nth(1)
+        .find(|&t| solved[0][0].settings.holds_out(t))
         .unwrap_or(0);
     let photograph = &capture.frames[frame].image;
     let bright = white(photograph);
@@ -142,7 +141,7 @@ fn evidence(
         Figure {
             name: "view".into(),
             caption: format!(
-                "Photograph {} and its renders; first seed.",
+                "Photograph {}, which was held out, and its renders; first seed.",
                 capture.frames[frame].name
             ),
             content: Content::Pictures(views),

@@ -61,14 +61,13 @@ impl Row {
         range(solved, Solved::albedo)
     }
 
-    /// The claim's parts, by the worst seed with occluders modelled and the best without.
-    fn parts(&self) -> [(&'static str, bool); 3] {
+    /// The claim's parts, by the worst seed with occluders modelled and the best without; only those whose truth is known.
+    fn parts(&self) -> Vec<(&'static str, bool)> {
         let (with, without) = (
             Self::environment(&self.modelled),
             Self::environment(&self.ignored),
         );
-        let albedo = Self::albedo(&self.modelled)[0] > Self::albedo(&self.ignored)[1];
-        [
+        let mut parts = vec![
             (
                 "its light is no better than without occluders in the model",
                 with[1] < without[0],
@@ -77,11 +76,15 @@ impl Row {
                 "its light is no better than light convolved with the material",
                 with[1] < self.convolved,
             ),
-            (
+        ];
+        if !self.trial.truth.albedo.is_empty() {
+            let better = Self::albedo(&self.modelled)[0] > Self::albedo(&self.ignored)[1];
+            parts.push((
                 "its albedo is no better than without occluders in the model",
-                albedo,
-            ),
-        ]
+                better,
+            ));
+        }
+        parts
     }
 
     fn sentence(&self) -> String {
@@ -183,16 +186,20 @@ impl Row {
     }
 }
 
-/// Least and most.
+/// Least and most; no number where one is none, which then is no better than anything.
 fn range(solved: &[Rc<Solved>], of: fn(&Solved) -> f64) -> [f64; 2] {
-    let values = solved.iter().map(|s| of(s));
-    values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| {
-        [low.min(v), high.max(v)]
-    })
+    let values: Vec<f64> = solved.iter().map(|s| of(s)).collect();
+    if values.iter().any(|v| v.is_nan()) {
+        return [f64::NAN; 2];
+    }
+    let [low, high] = [f64::INFINITY, f64::NEG_INFINITY];
+    values
+        .iter()
+        .fold([low, high], |[low, high], v| [low.min(*v), high.max(*v)])
 }
 
 fn span([low, high]: [f64; 2]) -> String {
-    if low == high {
+    if low == high || low.is_nan() {
         number(low)
     } else {
         format!("{}–{}", number(low), number(high))
@@ -209,7 +216,10 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Result<Evidence, StudyError> {
     }
     let parts: Vec<(&Row, &str, bool)> = occluded
         .iter()
-        .flat_map(|row| row.parts().map(|(words, held)| (*row, words, held)))
+        .flat_map(|row| {
+            let parts = row.parts().into_iter();
+            parts.map(|(words, held)| (*row, words, held))
+        })
         .collect();
     let failed: Vec<String> = parts
         .iter()

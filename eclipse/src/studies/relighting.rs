@@ -45,11 +45,15 @@ impl Study for Relighting {
 
     fn run(&self, bench: &Bench<'_>) -> Result<Evidence, StudyError> {
         let mut rows = Vec::new();
-        for trial in bench.trials()?.iter().filter(|t| t.occluded()) {
+        let seen = |t: &Trial| t.truth.albedo.len() == t.capture.frames.len();
+        let trials = bench.trials()?;
+        for trial in trials.iter().filter(|t| t.occluded() && seen(t)) {
             rows.push(Row::new(bench, trial)?);
         }
         if rows.is_empty() {
-            return Err(StudyError::Nothing("a capture with somebody in the light"));
+            return Err(StudyError::Nothing(
+                "a capture with somebody in the light and the true albedo of every photograph",
+            ));
         }
         Ok(evidence(bench, &rows))
     }

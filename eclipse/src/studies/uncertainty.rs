@@ -7,6 +7,7 @@ use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
     evidence::{Axis, Chart, Content, Figure, Picture, Series, Tone},
+    ranks::rank_correlation,
     small::{STEPS, Setup, settings},
     trial::{Solved, Trial},
 };
@@ -56,7 +57,8 @@ struct Draw {
     mask_deviation: f64,
     /// Share of the solve's time.
     cost: f64,
-    known: f64,
+    /// Numbers known from the photographs: found to be, and at most.
+    known: [f64; 2],
 }
 
 impl Draw {
@@ -78,7 +80,7 @@ impl Draw {
             mask_error: mask_rms(trial, solved),
             mask_deviation: mean(&masks).sqrt(),
             cost: doubt.summary.seconds / solving,
-            known: doubt.summary.known,
+            known: [doubt.summary.known, doubt.summary.known_at_most],
         })
     }
 }
@@ -158,37 +160,18 @@ impl Spread {
     }
 }
 
-/// Spearman's correlation of ranks.
-fn rank_correlation(a: &[f64], b: &[f64]) -> f64 {
-    let ranks = |values: &[f64]| {
-        let mut order: Vec<usize> = (0..values.len()).collect();
-        order.sort_by(|&i, &j| values[i].total_cmp(&values[j]));
-        let mut ranks = vec![0.0; values.len()];
-        order
-            .iter()
-            .enumerate()
-            .for_each(|(rank, &i)| ranks[i] = rank as f64);
-        ranks
-    };
-    let (a, b) = (ranks(a), ranks(b));
-    let centre = mean(&a);
-    let product = |x: &[f64], y: &[f64]| -> f64 {
-        x.iter()
-            .zip(y)
-            .map(|(x, y)| (x - centre) * (y - centre))
-            .sum()
-    };
-    product(&a, &b) / (product(&a, &a) * product(&b, &b)).sqrt()
-}
-
 fn evidence(spread: &Spread, draws: &[Draw]) -> Evidence {
     let noise = Spread::ratio(&spread.between, &spread.predicted);
     let light = Spread::ratio(&spread.error, &spread.predicted);
     let over = |of: &dyn Fn(&Draw) -> f64| mean(&draws.iter().map(of).collect::<Vec<_>>());
     let albedo = over(&|d| d.albedo_error) / over(&|d| d.albedo_deviation);
     let masks = over(&|d| d.mask_error) / over(&|d| d.mask_deviation);
-    let correlation = rank_correlation(&spread.error, &spread.predicted);
-    let between = rank_correlation(&spread.between, &spread.predicted);
+    let pairs = |of: &[f64]| -> Vec<[f64; 2]> {
+        let pairs = spread.predicted.iter().zip(of);
+        pairs.map(|(x, y)| [*x, *y]).collect()
+    };
+    let correlation = rank_correlation(&pairs(&spread.error));
+    let between = rank_correlation(&pairs(&spread.between));
     let cost = over(&|d| d.cost);
     let honest = |ratio: f64| (HONEST..=1.0 / HONEST).contains(&ratio);
     let parts = [
@@ -249,7 +232,8 @@ fn evidence(spread: &Spread, draws: &[Draw]) -> Evidence {
             "rank_correlation_of_error": correlation,
             "rank_correlation_of_spread": between,
             "share_of_solve_time": cost,
-            "known_numbers": over(&|d| d.known),
+            "known_numbers": over(&|d| d.known[0]),
+            "known_numbers_at_most": over(&|d| d.known[1]),
         }),
         figures: figures(spread, draws),
         notes: vec![

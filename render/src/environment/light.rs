@@ -125,15 +125,6 @@ impl LightDistribution {
         self.grid.bilinear(direction).gather(&self.mass) * self.per_solid_angle(direction)
     }
 
-    /// The joint density of a unit direction and a texel over the weight of that texel in the direction's interpolation.
-    ///
-    /// It is the density to weigh a sample with whose light is looked up in that texel alone, chosen by those weights: they
-    /// cancel.
-    #[inline]
-    pub fn texel_density(&self, texel: u32, direction: Vec3) -> f32 {
-        self.mass[texel as usize] * self.per_solid_angle(direction)
-    }
-
     /// The probability of each texel.
     pub fn mass(&self) -> &[f32] {
         &self.mass

@@ -18,16 +18,15 @@ use render::{
 use super::{PaperError, PaperSolution, brightness, export, plan};
 use crate::{
     capture::{Capture, Frame},
-    reconstruct::{finish::psnr, hold_out::fitted_half},
-    reconstruction::{Metrics, Noise, Photometric, Reconstruction, VertexMaterial},
+    reconstruct::photometric,
+    reconstruction::{Metrics, Noise, Reconstruction, VertexMaterial},
     settings::Settings,
 };
 
 /// Key of their random numbers: no iteration has it.
 const FINAL: u32 = u32::MAX;
 
-/// Everything that is written, without remarks. Of pixels that are not `used` (frame, row-major pixel)
-/// the half that occluders were not fitted to counts as held out.
+/// Everything that is written, without remarks.
 ///
 /// # Errors
 /// When memory does not suffice to evaluate the network.
@@ -37,7 +36,6 @@ pub fn finish(
     bvh: &Bvh,
     settings: &Settings,
     noise: Noise,
-    used: &(dyn Fn(usize, u32) -> bool + Sync),
 ) -> Result<Reconstruction, PaperError> {
     let view = View::new(&solution, bvh, plan::final_rays(settings, &capture.frames));
     let frames = capture.frames.iter().enumerate();
@@ -51,14 +49,7 @@ pub fn finish(
         kappa: m.kappa,
     });
     let vertex_materials = vertex_materials.collect();
-    let psnr = |counted: &dyn Fn(usize, u32) -> bool| psnr(&capture.frames, &renders, counted);
-    let photometric = Photometric {
-        psnr: psnr(used),
-        psnr_held_out: settings.hold_out.and_then(|_| {
-            let width = |t: usize| capture.frames[t].image.width;
-            psnr(&|t, p| !used(t, p) && !fitted_half(width(t), p as usize))
-        }),
-    };
+    let photometric = photometric(capture, settings, &renders);
     let extra = BTreeMap::from([
         ("iterations".to_owned(), solution.iterations.into()),
         ("seconds".to_owned(), solution.seconds.into()),

@@ -70,7 +70,8 @@ impl<'a> Problem<'a> {
             return Err(PaperError::NoPixels);
         }
         let halved = |t: usize, p: u32| {
-            held(settings, t) && hold_out::fitted_half(capture.frames[t].image.width, p as usize)
+            settings.holds_out(t)
+                && hold_out::fitted_half(capture.frames[t].image.width, p as usize)
         };
         let mut held_out = match settings.occluders {
             true => batch::pixels(bvh, &capture.frames, &halved),
@@ -267,9 +268,4 @@ impl<'a> Problem<'a> {
             evaluator: self.evaluator,
         }
     }
-}
-
-/// Whether a frame is kept out of the fit of light and materials.
-fn held(settings: &Settings, frame: usize) -> bool {
-    settings.hold_out.is_some_and(|k| frame % k == k - 1)
 }

@@ -10,7 +10,10 @@ use render::{
 };
 
 use super::{PaperError, batch::COVERED, materials::MaterialEvaluator};
-use crate::{capture::Capture, evaluate};
+use crate::{
+    capture::Capture,
+    evaluate::{self, Estimate},
+};
 
 /// Radiance below this share of the mean starts there: the logarithm of a black texel would be −∞, and Adam at the paper's
 /// rate would not come back from far down.
@@ -38,32 +41,10 @@ impl Start {
     /// # Errors
     /// When its files cannot be read, or its images do not fit the capture's.
     pub fn read(folder: &Path, capture: &Capture, bvh: &Bvh) -> Result<Self, PaperError> {
-        let refuse = |reason: String| PaperError::Start {
-            path: folder.to_owned(),
-            reason,
-        };
-        let found = evaluate::estimate(folder).map_err(|error| refuse(error.to_string()))?;
-        let frames = &capture.frames;
-        for (what, count) in [
-            ("occluders", found.occluders.len()),
-            ("material images", found.materials.len()),
-        ] {
-            if count > 0 && count != frames.len() {
-                return Err(refuse(format!(
-                    "it has {count} {what}, but the capture has {} photographs: name a result of the same capture",
-                    frames.len()
-                )));
-            }
-        }
+        let found = estimate(folder, capture)?;
         let mut materials = Vec::new();
-        for (frame, image) in frames.iter().zip(&found.materials) {
-            let (width, height) = (frame.image.width, frame.image.height);
-            if [image.width, image.height, image.channels] != [width, height, 5] {
-                return Err(refuse(format!(
-                    "its materials of frame {} are {} x {} with {} channels, expected {width} x {height} with 5",
-                    frame.name, image.width, image.height, image.channels
-                )));
-            }
+        for (frame, image) in capture.frames.iter().zip(&found.materials) {
+            let width = frame.image.width;
             for (p, value) in image.data.chunks_exact(5).enumerate() {
                 if frame.mask.data[p] <= COVERED || value.iter().any(|v| !v.is_finite()) {
                     continue;
@@ -111,6 +92,45 @@ impl Start {
         }
         evaluator.fit(&mut unknowns.network, &self.materials, seed)
     }
+}
+
+/// Checks that a run can start from what an earlier one left in `folder`, before a place is made for its results.
+///
+/// # Errors
+/// As [`Start::read`].
+pub fn check(folder: &Path, capture: &Capture) -> Result<(), PaperError> {
+    estimate(folder, capture).map(drop)
+}
+
+/// What an earlier run left, of the capture's number of images and of their sizes.
+fn estimate(folder: &Path, capture: &Capture) -> Result<Estimate, PaperError> {
+    let refuse = |reason: String| PaperError::Start {
+        path: folder.to_owned(),
+        reason,
+    };
+    let found = evaluate::estimate(folder).map_err(|error| refuse(error.to_string()))?;
+    let frames = &capture.frames;
+    for (what, count) in [
+        ("occluders", found.occluders.len()),
+        ("material images", found.materials.len()),
+    ] {
+        if count > 0 && count != frames.len() {
+            return Err(refuse(format!(
+                "it has {count} {what}, but the capture has {} photographs: name a result of the same capture",
+                frames.len()
+            )));
+        }
+    }
+    for (frame, image) in frames.iter().zip(&found.materials) {
+        let (width, height) = (frame.image.width, frame.image.height);
+        if [image.width, image.height, image.channels] != [width, height, 5] {
+            return Err(refuse(format!(
+                "its materials of frame {} are {} x {} with {} channels, expected {width} x {height} with 5",
+                frame.name, image.width, image.height, image.channels
+            )));
+        }
+    }
+    Ok(found)
 }
 
 /// Puts the logarithm on the finest level alone: how levels share it makes no difference to Adam, whose steps follow from

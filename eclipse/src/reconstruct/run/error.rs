@@ -42,3 +42,31 @@ pub enum ReconstructError {
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
 }
+
+impl ReconstructError {
+    /// Whether the capture, or the result to start from, is to blame and not the run.
+    pub fn is_of_the_input(&self) -> bool {
+        match self {
+            Self::KnownLamps { .. } | Self::Mesh(_) | Self::NothingToFit => true,
+            Self::Paper(error) => matches!(error, PaperError::NoPixels | PaperError::Start { .. }),
+            Self::Graph(_) | Self::Tape(_) | Self::Checkpoint(_) => false,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_input_is_to_blame_for_what_it_lacks_and_not_for_the_disk() {
+        assert!(ReconstructError::NothingToFit.is_of_the_input());
+        assert!(ReconstructError::from(PaperError::NoPixels).is_of_the_input());
+        let diverged = PaperError::Diverged {
+            iteration: 7,
+            loss: f64::INFINITY,
+        };
+        assert!(!ReconstructError::from(diverged).is_of_the_input());
+        assert!(!ReconstructError::from(CheckpointError::OtherCapture).is_of_the_input());
+    }
+}

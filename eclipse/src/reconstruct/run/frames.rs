@@ -11,10 +11,11 @@ pub(super) struct Frames {
 impl Frames {
     pub(super) fn new(capture: &Capture, settings: &Settings) -> Self {
         let black = |frame: &crate::capture::Frame| frame.image.data.iter().all(|&v| v <= 0.0);
-        let every = |t: usize| settings.hold_out.is_some_and(|k| t % k == k - 1);
         Self {
             black: capture.frames.iter().map(black).collect(),
-            held_out: (0..capture.frames.len()).map(every).collect(),
+            held_out: (0..capture.frames.len())
+                .map(|t| settings.holds_out(t))
+                .collect(),
         }
     }
 
