@@ -24,6 +24,8 @@ const MOST_EFFECTS: usize = 3;
 /// Standard errors that an effect must gain on sealed data. An effect that just stands up on held-out patches, at three, shows 1.3 in a
 /// sixth as much data; half of that parts it best from none.
 const SEALED_SIGMA: f64 = 0.6;
+/// More photographs than these are compared at fewer places each, or memory would grow with their square.
+const MANY_FRAMES: usize = 64;
 /// Hot spots that are told.
 const HOT_SPOTS: usize = 12;
 
@@ -88,7 +90,7 @@ pub fn diagnose<'a>(
     let study = Study::new(
         capture,
         simulation,
-        options.sites,
+        options.sites * MANY_FRAMES / capture.frames.len().max(MANY_FRAMES),
         options.rows,
         options.seed,
     )?;
