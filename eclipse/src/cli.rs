@@ -20,6 +20,7 @@ mod units;
 use std::{
     ffi::OsString,
     io::Write,
+    path::Path,
     process::ExitCode,
     sync::{
         Once,
@@ -29,7 +30,7 @@ use std::{
 
 use clap::Parser;
 
-use crate::progress;
+use crate::{files::lock::Lock, output, progress};
 use arguments::{Arguments, Command};
 use man::ManArguments;
 
@@ -75,6 +76,20 @@ impl Failure {
             message: error.to_string(),
         }
     }
+
+    /// Of the input where that is to blame, else of the work.
+    fn of(error: impl std::fmt::Display, input_to_blame: bool) -> Self {
+        match input_to_blame {
+            true => Self::bad_input(error),
+            false => Self::failed(error),
+        }
+    }
+}
+
+/// The right to write to a folder, which is made.
+fn taken(folder: &Path) -> Result<Lock, Failure> {
+    output::prepare(folder).map_err(Failure::failed)?;
+    Lock::acquire(folder).map_err(Failure::failed)
 }
 
 /// Runs the program with `arguments` (the first is its own name), results to `out`, messages to `err`.

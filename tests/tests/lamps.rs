@@ -1,6 +1,6 @@
 //! Captures whose lamps are known: read, inspected, refused by what looks for unknown light, and criticised.
 
-use std::{fs, path::Path, sync::Arc};
+use std::{fs, path::Path, process::Output, sync::Arc};
 
 use eclipse::{
     capture::{Capture, LoadOptions, write},
@@ -156,20 +156,26 @@ fn whoever_looks_for_unknown_light_is_told_where_to_go() {
     let capture = plain();
     let message = check_light(&capture).unwrap_err().to_string();
     assert!(message.contains("eclipse diagnose"), "{message}");
+    let (output, made) = run("reconstruct", &capture);
+    assert!(!output.status.success());
+    assert!(program::stderr(&output).contains("eclipse diagnose"));
+    assert!(!made);
+}
+
+/// What a command says of a capture, and whether it made the folder of its results.
+fn run(command: &str, capture: &Capture) -> (Output, bool) {
     let folder = tempfile::tempdir().unwrap();
-    let json = written(folder.path(), &capture);
+    let json = written(folder.path(), capture);
     fs::write(folder.path().join("transforms.json"), json.to_string()).unwrap();
     let out = folder.path().join("out");
     let arguments = [
-        "reconstruct",
+        command,
         program::text(folder.path()),
         "--out",
         program::text(&out),
     ];
     let output = program::run(env!("CARGO_BIN_EXE_eclipse-under-test"), &arguments);
-    assert!(!output.status.success());
-    assert!(program::stderr(&output).contains("eclipse diagnose"));
-    assert!(!out.exists());
+    (output, out.exists())
 }
 
 #[test]
@@ -177,17 +183,7 @@ fn too_few_photographs_are_bad_input() {
     // No place is seen in three frames.
     let few = &lamps()[..2];
     let capture = lit_ball::capture(few, few, |_, _, light| light);
-    let folder = tempfile::tempdir().unwrap();
-    let json = written(folder.path(), &capture);
-    fs::write(folder.path().join("transforms.json"), json.to_string()).unwrap();
-    let out = folder.path().join("out");
-    let arguments = [
-        "diagnose",
-        program::text(folder.path()),
-        "--out",
-        program::text(&out),
-    ];
-    let output = program::run(env!("CARGO_BIN_EXE_eclipse-under-test"), &arguments);
+    let (output, _) = run("diagnose", &capture);
     let message = program::stderr(&output);
     assert_eq!(output.status.code(), Some(3), "{message}");
     assert!(message.contains("seen well in three frames"), "{message}");

@@ -11,7 +11,7 @@ use clap::Args;
 use super::{
     Failure, Outcome, print,
     shown::{self, ProgressArguments},
-    stop_on_interrupt, units,
+    stop_on_interrupt, taken, units,
 };
 use crate::{
     capture::{Capture, LoadOptions},
@@ -19,8 +19,7 @@ use crate::{
     criticism::{
         self, DiagnoseError, Diagnosis, Options, Simulation, diagnosis::Finding, effects, page,
     },
-    files::lock::Lock,
-    joint, output,
+    joint,
     progress::{ProgressDisplay, Style},
     reconstruct,
     reconstruction::Ended,
@@ -176,9 +175,9 @@ pub(super) fn diagnose(
             };
             let solved = pool.install(|| reconstruct::run(&capture, &settings, &control));
             display.finish();
-            let solved = solved.map_err(|error| match error.is_of_the_input() {
-                true => Failure::bad_input(error),
-                false => Failure::failed(error),
+            let solved = solved.map_err(|error| {
+                let input = error.is_of_the_input();
+                Failure::of(error, input)
             })?;
             if solved.ended == Ended::Interrupted {
                 return Ok(None);
@@ -217,12 +216,6 @@ pub(super) fn diagnose(
         page::write(folder, &outcome).map_err(Failure::failed)?;
     }
     Ok(Some(outcome.diagnosis))
-}
-
-/// The right to write to a folder, which is made.
-fn taken(folder: &Path) -> Result<Lock, Failure> {
-    output::prepare(folder).map_err(Failure::failed)?;
-    Lock::acquire(folder).map_err(Failure::failed)
 }
 
 /// The command that reconstructs with what was found: effects of the camera fitted jointly, occluders if somebody moves in the

@@ -12,13 +12,12 @@ use serde::Serialize;
 use super::{
     Failure, Outcome,
     cases::{CaseArguments, Ended},
-    diagnose, shown, stop_on_interrupt,
+    diagnose, shown, stop_on_interrupt, taken,
 };
 use crate::{
     capture::{Capture, LoadOptions},
     criticism::{nulls, study_scores::Case},
     files::lock::Lock,
-    output,
     progress::Style,
     synthesize,
 };
@@ -64,8 +63,7 @@ pub(super) fn run(
     let names: Vec<String> = arguments.captures.iter().map(|base| name(base)).collect();
     distinct(&names)?;
     let stop = stop_on_interrupt()?;
-    output::prepare(&arguments.out).map_err(Failure::failed)?;
-    let _lock = Lock::acquire(&arguments.out).map_err(Failure::failed)?;
+    let _lock = taken(&arguments.out)?;
     let style = arguments.cases.progress.style(false);
     let (mut cases, mut by_structure) = (Vec::new(), BTreeMap::new());
     let mut ended = Ended::default();

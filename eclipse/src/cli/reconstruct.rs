@@ -11,12 +11,11 @@ use clap::{Args, ValueEnum};
 use render::image::Image;
 use serde_json::json;
 
-use super::{Failure, Outcome, print, shown::ProgressArguments, stop_on_interrupt, units};
+use super::{Failure, Outcome, print, shown::ProgressArguments, stop_on_interrupt, taken, units};
 use crate::{
     capture::{Capture, LoadOptions},
     checkpoint,
     control::Control,
-    files::lock::Lock,
     joint, layout, output,
     progress::{Dashboard, ProgressDisplay, Style, say},
     reconstruct,
@@ -131,8 +130,7 @@ pub(super) fn run(
     if let Some(from) = settings.from.as_ref().filter(|_| !arguments.resume) {
         reconstruct::paper::start::check(from, &capture).map_err(Failure::bad_input)?;
     }
-    output::prepare(&folder).map_err(Failure::failed)?;
-    let _lock = Lock::acquire(&folder).map_err(Failure::failed)?;
+    let _lock = taken(&folder)?;
     let resumed = arguments.resume.then(|| checkpoint::load(&folder));
     let resumed = resumed.transpose().map_err(Failure::bad_input)?;
     if let Some(checkpoint) = &resumed {
@@ -176,9 +174,9 @@ pub(super) fn run(
     let solved = pool.install(|| joint::run(&capture, &settings, &control));
     display.finish();
     drop(dashboard);
-    let solved = solved.map_err(|error| match error.is_of_the_input() {
-        true => Failure::bad_input(error),
-        false => Failure::failed(error),
+    let solved = solved.map_err(|error| {
+        let input = error.is_of_the_input();
+        Failure::of(error, input)
     })?;
     if solved.ended == Ended::Interrupted && !saved.load(Ordering::Relaxed) {
         // Whatever lies in the folder says more than a start.

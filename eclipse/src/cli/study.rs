@@ -17,6 +17,7 @@ use super::{
     shown::ProgressArguments,
     stop_on_interrupt,
     studies::{self, PaperStudy},
+    taken,
 };
 use crate::{
     criticism::{
@@ -24,8 +25,7 @@ use crate::{
         oracle::yardstick,
         study_scores::{self, Case, Scores},
     },
-    files::{lock::Lock, read_limited},
-    output,
+    files::read_limited,
     progress::{Event, Lines, Style},
 };
 
@@ -108,11 +108,7 @@ pub(super) fn run(
     })?;
     check(&labels, &arguments.labels)?;
     let stop = stop_on_interrupt()?;
-    let lock = |folder: &PathBuf| {
-        output::prepare(folder).map_err(Failure::failed)?;
-        Lock::acquire(folder).map_err(Failure::failed)
-    };
-    let _lock = arguments.out.as_ref().map(lock).transpose()?;
+    let _lock = arguments.out.as_deref().map(taken).transpose()?;
     let style = arguments.cases.progress.style(false);
     let lines = Lines::default();
     let (mut cases, mut ended) = (Vec::new(), Ended::default());

@@ -21,8 +21,8 @@ const GUTTER: f32 = 1.15;
 pub struct Place {
     /// Its patch.
     pub patch: u16,
-    /// The nearest patch on the other side of a border between sealed and unsealed ones, for sites close to it.
-    pub beside: Option<u16>,
+    /// Whether it is close to a border between sealed patches and others.
+    pub gutter: bool,
 }
 
 /// What an observation may be used for.
@@ -55,14 +55,13 @@ pub fn places(positions: &[Vec3]) -> (Vec<Place>, usize) {
             near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             let sealed = patch_sealed(near[0].1);
             // Where three patches meet, the one of the other kind need not be the second nearest.
-            let beside = near
+            let gutter = near
                 .iter()
                 .take_while(|other| other.0 < GUTTER * near[0].0)
-                .find(|other| patch_sealed(other.1) != sealed)
-                .map(|other| other.1);
+                .any(|other| patch_sealed(other.1) != sealed);
             Place {
                 patch: near[0].1,
-                beside,
+                gutter,
             }
         })
         .collect();
@@ -99,7 +98,7 @@ fn patch_sealed(patch: u16) -> bool {
 /// What a view of a site may be used for.
 pub fn role(place: Place, frame: u32, frames: usize) -> Role {
     let sealed = patch_sealed(place.patch);
-    if place.beside.is_some() {
+    if place.gutter {
         Role::Gutter
     } else if frame_sealed(frame, frames) {
         // Of a sealed patch nobody knows the albedo, so that its views in a sealed frame tell nothing about the frame.

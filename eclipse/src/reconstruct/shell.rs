@@ -1,6 +1,6 @@
 //! Where a ray from a surface point looks the masks up: surfaces around the object, each shared by a group of frames.
 //!
-//! Frames of a group share their lookups, so that the tape works on all of them at once; that is exact when their cameras'
+//! Frames of a group share their lookups, so that the tape works on many of them at once; that is exact when their cameras'
 //! distances agree, and a group holds only frames whose distances nearly do.
 
 use glam::Vec3;
@@ -64,7 +64,7 @@ pub struct Group {
 
 /// Distances within a group differ by less than about this ratio.
 const SPREAD: f32 = 1.15;
-/// No more groups than keep this many frames in each: the tape works on a group's frames side by side.
+/// No more groups than keep this many frames in each: fewer would leave much of the tape's lots of frames empty.
 const LEAST_FRAMES: usize = 12;
 
 /// Most groups.

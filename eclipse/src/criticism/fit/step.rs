@@ -9,6 +9,9 @@ use crate::criticism::{chain::Chain, confined, linear::dot, study::Study};
 /// The largest change of the logarithm of light a step may make.
 const LARGEST_STEP: f32 = 1.2;
 
+/// Room of a number without bounds.
+const OPEN: [f32; 2] = [f32::NEG_INFINITY, f32::INFINITY];
+
 /// A number beside light and texture: what it changes, where it is and how far it may go, in units of its scale.
 struct Column {
     change: Vec<f32>,
@@ -80,7 +83,7 @@ impl Fit {
             let free = |(change, at)| Column {
                 change,
                 at,
-                room: [f32::NEG_INFINITY, f32::INFINITY],
+                room: OPEN,
             };
             columns.extend(self.lobe_columns(study)?.into_iter().map(free));
         }
@@ -122,7 +125,7 @@ impl Fit {
         };
         let mut right = pull(&precision.apply(&self.without_own_albedo(study)))?;
         right.iter_mut().zip(at).for_each(|(g, z)| *g -= z);
-        let mut room = vec![[f32::NEG_INFINITY, f32::INFINITY]; inner];
+        let mut room = vec![OPEN; inner];
         room.extend(columns.iter().map(|column| column.room));
         let mut forth = formation.workspace(&self.parameters, 1)?;
         let mut failed = None;

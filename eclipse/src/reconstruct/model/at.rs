@@ -105,7 +105,8 @@ impl Linearisation for At<'_> {
         let shared = self.shared;
         let [environment, _] = shared.ranges();
         let mut z = vec![0.0; environment.len()];
-        let mut masks = vec![0.0; shared.mask_grid().len() * shared.shells.frames()];
+        let values = shared.mask_grid().len() * shared.shells.frames();
+        let mut masks = self.sky.as_ref().map(|_| vec![0.0; values]);
         let seeds = w.chunks_exact(3 * shared.patches * WIDTH);
         for (lot, (run, seed)) in self.runs.iter_mut().zip(seeds).enumerate() {
             shared
@@ -114,11 +115,11 @@ impl Linearisation for At<'_> {
                 .expect("a cotangent of the model's own size");
             let gradient = |name| run.gradient(name).expect("a parameter of the model");
             add(&mut z, 1.0, gradient("environment"));
-            if self.sky.is_some() {
-                shared.lots.restore(gradient("mask"), lot, &mut masks);
+            if let Some(masks) = &mut masks {
+                shared.lots.restore(gradient("mask"), lot, masks);
             }
         }
-        if let Some(sky) = &mut self.sky {
+        if let (Some(sky), Some(masks)) = (&mut self.sky, masks) {
             z.extend(shared.sky.pull(sky, masks));
         }
         z
