@@ -323,6 +323,7 @@ fn the_rest_is_orthogonal_to_what_was_found() {
         }
     }
     assert!(found.missed > 0.0 && found.known_at_most() > found.known());
+    assert!(found.missed <= (n - found.vectors.len()) as f64);
     // The largest eigenvalue is the largest stretch: none of the others' directions is stretched more.
     assert!(found.values.windows(2).all(|pair| pair[0] >= pair[1]));
     let mut u = at.jvp(&found.vectors[0]);

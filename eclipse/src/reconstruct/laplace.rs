@@ -27,7 +27,7 @@ pub struct Laplace {
     pub traits: Vec<Traits>,
     /// Moves of z that the directions leave free, drawn from the prior, and their traits.
     pub rest: Vec<(Vec<f32>, Traits)>,
-    /// Σ θ over all that was not found, estimated: at most so many more directions are known.
+    /// At most so many more directions are known: Σ θ over all that was not found, estimated, and no more than there are.
     pub missed: f64,
 }
 
@@ -104,6 +104,10 @@ impl Laplace {
             let row = traits(at, &change);
             found.rest.push((z, row));
         }
+        // One a direction at most, however much the data say of it.
+        found.missed = found
+            .missed
+            .min(parameters.saturating_sub(basis.len()) as f64);
         found
     }
 
@@ -157,7 +161,7 @@ impl Laplace {
         self.gained().iter().sum()
     }
 
-    /// At most so many: θ/(1 + θ) is neither above one, for any direction, nor above θ.
+    /// At most so many: θ/(1 + θ) is neither above θ nor, for any direction, above one.
     pub fn known_at_most(&self) -> f64 {
         self.known() + self.missed
     }
