@@ -36,8 +36,8 @@ veiling_glare, clipping, interreflection, ground_bounce, near_field_light, movin
 specular_lobe, translucency, pose_error, defocus, normal_error, medium; where the lamps are known (`lamp`
 in transforms.json) lamp_direction, ambient_light, and of the others those that such light lets tell.";
 
-/// Seconds of the reconstruction a diagnosis makes for itself, at most.
-const RECONSTRUCTION: f64 = 120.0;
+/// Share of the time that the reconstruction a diagnosis makes for itself may take.
+const RECONSTRUCTION: f64 = 0.4;
 /// Its steps, which a small capture takes in less: its diagnosis is then the same on any machine.
 const STEPS: u64 = 30;
 
@@ -160,7 +160,7 @@ pub(super) fn diagnose(
             report("reconstructing without occluders");
             let settings = Settings {
                 occluders: false,
-                time_limit: Some(RECONSTRUCTION.min(0.4 * job.time_limit)),
+                time_limit: Some(RECONSTRUCTION * job.time_limit),
                 iterations: Some(STEPS),
                 seed: job.seed,
                 threads: job.threads,

@@ -1,4 +1,4 @@
-//! `eclipse study nulls`: how often a diagnosis names physics where there is none.
+//! `eclipse study nulls`: how often a diagnosis gives a name to what has none.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -16,7 +16,10 @@ use super::{
 };
 use crate::{
     capture::{Capture, LoadOptions},
-    criticism::{nulls, study_scores::Case},
+    criticism::{
+        nulls::{self, Kind},
+        study_scores::{Case, OUTSIDE},
+    },
     files::lock::Lock,
     progress::Style,
     synthesize,
@@ -32,7 +35,7 @@ pub(super) struct NullsArguments {
     /// Seed of the first synthesised base.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
-    /// What to derive from each base [default: all of plain, more_noise, fine_texture, coarse_mesh].
+    /// What to derive from each base [default: all of plain, more_noise, fine_texture, coarse_mesh; banding, flash, ghost, lens_distortion, stain].
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub structures: Vec<String>,
     /// Folder for the captures, a page for each and scores.json.
@@ -49,6 +52,8 @@ struct Found {
     false_alarm_rate_plain: Option<f64>,
     /// The same of nulls with structure finer than the model.
     false_alarm_rate_structured: Option<f64>,
+    /// Share of captures with physics outside the table in which no effect was named.
+    abstains: Option<f64>,
     /// By what was derived: named, of how many.
     by_structure: BTreeMap<&'static str, [usize; 2]>,
     cases: Vec<Case>,
@@ -89,7 +94,11 @@ pub(super) fn run(
                     continue;
                 }
             };
-            let case = Case::new(&name, &[], &diagnosis, None);
+            let truth: Vec<String> = match structure.kind() {
+                Kind::Outside => vec![OUTSIDE.to_owned()],
+                Kind::Plain | Kind::Structured => Vec::new(),
+            };
+            let case = Case::new(&name, &truth, &diagnosis, None);
             if style == Style::Bar {
                 let _ = writeln!(err, "{}", case.line());
             }
@@ -181,16 +190,20 @@ fn is_filled(folder: &Path) -> bool {
 
 impl Found {
     fn new(by_structure: BTreeMap<&'static str, [usize; 2]>, cases: Vec<Case>) -> Self {
-        let rate = |structured: bool| {
-            let own = by_structure
-                .iter()
-                .filter(|(id, _)| structured != matches!(**id, "plain" | "more_noise"));
+        let rate = |kind: Kind| {
+            let is = |id: &str| {
+                nulls::all()
+                    .iter()
+                    .any(|s| s.id() == id && s.kind() == kind)
+            };
+            let own = by_structure.iter().filter(|(id, _)| is(id));
             let [named, all] = own.fold([0, 0], |sum, (_, n)| [sum[0] + n[0], sum[1] + n[1]]);
             (all > 0).then(|| named as f64 / all as f64)
         };
         Self {
-            false_alarm_rate_plain: rate(false),
-            false_alarm_rate_structured: rate(true),
+            false_alarm_rate_plain: rate(Kind::Plain),
+            false_alarm_rate_structured: rate(Kind::Structured),
+            abstains: rate(Kind::Outside).map(|named| 1.0 - named),
             by_structure,
             cases,
         }
@@ -199,14 +212,18 @@ impl Found {
     fn text(&self) -> String {
         let mut text = String::new();
         for (id, [named, all]) in &self.by_structure {
-            text += &format!("{id:14} physics named in {named} of {all}\n");
+            text += &format!("{id:15} an effect named in {named} of {all}\n");
         }
         for (what, rate) in [
-            ("plain", self.false_alarm_rate_plain),
-            ("structured", self.false_alarm_rate_structured),
+            ("false alarms on plain nulls", self.false_alarm_rate_plain),
+            (
+                "false alarms on structured nulls",
+                self.false_alarm_rate_structured,
+            ),
+            ("abstains outside the table", self.abstains),
         ] {
             if let Some(rate) = rate {
-                text += &format!("false alarms on {what} nulls: {:.0} %\n", 100.0 * rate);
+                text += &format!("{what}: {:.0} %\n", 100.0 * rate);
             }
         }
         text

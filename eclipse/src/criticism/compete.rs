@@ -37,10 +37,12 @@ pub struct Contender {
     pub rivals: Vec<&'static str>,
 }
 
-/// The physics of a screening that stands up, at most three, best first, and a capacity candidate that gains far more.
+/// The physics of a screening that stands up, at most three, best first, a capacity candidate that gains far more, and the best
+/// stand-in for physics outside the table.
 ///
 /// Capacity candidates have many numbers for what physics does with few. One of them takes part when it gains more than twice
-/// as much as the best physics: then the physics may be a symptom of a model that is too coarse.
+/// as much as the best physics: then the physics may be a symptom of a model that is too coarse. A stand-in takes part when it
+/// gains at least half as much, or when nothing else stands up.
 pub fn contenders(screen: &Screen) -> Vec<Contender> {
     let p: Vec<f64> = screen.scores.iter().map(|s| s.p).collect();
     let corrected = holm(&p);
@@ -51,8 +53,12 @@ pub fn contenders(screen: &Screen) -> Vec<Contender> {
         .filter(|(s, p)| !capacity(s) && stands(s, **p, screen) && s.size > interest(s))
         .take(CONTENDERS)
         .collect();
-    let most = standing.first().map_or(f64::INFINITY, |(s, _)| s.gain);
-    let finer = candidates().find(|(s, _)| capacity(s) && s.gain > 2.0 * most);
+    let most = standing.first().map(|(s, _)| s.gain);
+    let unknown = |s: &Score| effects::by_id(s.id).is_some_and(|e| e.stands_for_unknown());
+    let finer = candidates()
+        .find(|(s, _)| capacity(s) && !unknown(s) && most.is_some_and(|most| s.gain > 2.0 * most));
+    let stand_in = candidates()
+        .find(|(s, p)| unknown(s) && stands(s, **p, screen) && s.gain > 0.5 * most.unwrap_or(0.0));
     let contender = |(score, p_holm): (&Score, &f64)| Contender {
         score: score.clone(),
         p_holm: *p_holm,
@@ -63,7 +69,8 @@ pub fn contenders(screen: &Screen) -> Vec<Contender> {
             .map(|s| s.id)
             .collect(),
     };
-    standing.into_iter().chain(finer).map(contender).collect()
+    let all = standing.into_iter().chain(finer).chain(stand_in);
+    all.map(contender).collect()
 }
 
 /// Whether the difference of two gains is less than two standard errors of it.

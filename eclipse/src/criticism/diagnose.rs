@@ -7,13 +7,15 @@ use super::{
     diagnosis::{Diagnosis, Finding, Judged, Ranked, Refitted, Sealed},
     effects::{self, Effect},
     fit::{Fit, FitError},
+    frame_numbers::FrameNumbers,
     light::Light,
     linearise::{Candidate, Jacobian},
-    locate, refit,
+    locate,
+    refit::{self, Round},
     score::{Score, Screen, screen},
-    sealed,
+    sealed::{self, Judge, Noise},
     study::{Simulation, Study, StudyError},
-    verdict,
+    verdict::{self, Grounds, Verdict},
 };
 use crate::capture::Capture;
 
@@ -21,9 +23,11 @@ use crate::capture::Capture;
 const BASELINE_STEPS: usize = 9;
 /// Effects that are added at most.
 const MOST_EFFECTS: usize = 3;
-/// Standard errors that an effect must gain on sealed data. An effect that just stands up on held-out patches, at three, shows 1.3 in a
-/// sixth as much data; half of that parts it best from none.
-const SEALED_SIGMA: f64 = 0.6;
+/// Probability below which a gain on sealed data is not chance, for the best refit of a round; the second best has half of it. Held-out
+/// data cannot stand in for sealed ones: folds have no gutters between them, and of twenty candidates the best was taken.
+const SEALED_LEVEL: f64 = 0.05;
+/// A gain on sealed data whose probability by chance is less than this, but not small enough, calls for more photographs.
+const PERHAPS: f64 = 0.3;
 /// More photographs than these are compared at fewer places each, or memory would grow with their square.
 const MANY_FRAMES: usize = 64;
 /// Hot spots that are told.
@@ -99,13 +103,13 @@ pub fn diagnose<'a>(
     first.refine(&study, BASELINE_STEPS)?;
     seconds.insert("baseline".to_owned(), began.elapsed().as_secs_f64());
 
-    let mut fits = vec![first];
-    let mut found: Vec<Choice> = Vec::new();
+    let mut rounds: Vec<Round> = Vec::new();
     let mut ranking = Vec::new();
     let mut refits: Vec<Refitted> = Vec::new();
     let mut baselines = BTreeMap::new();
+    let mut longest = 0.0f64;
     loop {
-        let fit = &fits[fits.len() - 1];
+        let fit = last_of(&rounds).unwrap_or(&first);
         report("screening effects")?;
         let screened = Instant::now();
         let screened_effects = candidates
@@ -114,7 +118,7 @@ pub fn diagnose<'a>(
             .filter(|e| !fit.active.iter().any(|a| a.effect.id() == e.id()));
         let result = screen_at(&study, fit, screened_effects)?;
         seconds.insert(
-            format!("screen {}", found.len() + 1),
+            format!("screen {}", rounds.len() + 1),
             screened.elapsed().as_secs_f64(),
         );
         for score in &result.scores {
@@ -124,6 +128,8 @@ pub fn diagnose<'a>(
                 se = score.gain_se,
                 p = score.p,
                 size = score.size,
+                survival = score.survival,
+                minimum_detectable = score.minimum_detectable,
                 "score"
             );
         }
@@ -133,10 +139,10 @@ pub fn diagnose<'a>(
             let inside: Vec<&str> = fit.active.iter().map(|a| a.effect.id()).collect();
             baselines.insert(format!("with {}", inside.join(", ")), ranked(&result));
         }
-        let late = options
-            .time_limit
-            .is_some_and(|limit| began.elapsed().as_secs_f64() > limit);
-        if found.len() >= MOST_EFFECTS || (late && !found.is_empty()) {
+        // A round that could not end in time is not begun.
+        let until = began.elapsed().as_secs_f64() + longest;
+        let late = options.time_limit.is_some_and(|limit| until > limit);
+        if rounds.len() >= MOST_EFFECTS || (late && !rounds.is_empty()) {
             break;
         }
         let contenders = compete::contenders(&result);
@@ -145,82 +151,70 @@ pub fn diagnose<'a>(
         }
         let refitted = Instant::now();
         let round = refit::round(&study, fit, contenders, &|text| report(text))?;
-        seconds.insert(
-            format!("refits {}", found.len() + 1),
-            refitted.elapsed().as_secs_f64(),
-        );
-        if found.is_empty() {
+        let taken = refitted.elapsed().as_secs_f64();
+        longest = longest.max(taken);
+        seconds.insert(format!("refits {}", rounds.len() + 1), taken);
+        if rounds.is_empty() {
             put_first(&mut ranking, &round.evidence);
         }
         refits.extend(round.evidence.iter().map(|&(id, evidence)| Refitted {
-            after: found.len(),
+            after: rounds.len(),
             id,
             evidence,
             sealed: None,
         }));
-        if let Some(last) = fits.last_mut() {
-            *last = round.null;
-        }
-        let Some((choice, next)) = round.winner else {
+        let any = !round.standing.is_empty();
+        rounds.push(round);
+        if !any {
             break;
-        };
-        found.push(choice);
-        fits.push(next);
+        }
     }
 
     report("opening the sealed data")?;
-    let judge = &fits[0];
-    let errors: Vec<sealed::Errors> = fits
+    let opened = open(&study, &rounds, &mut refits)?;
+    let before = rounds.first().map_or(&first, |round| &round.null);
+    let after = opened.path.last().map_or(before, |step| step.fit);
+    let findings: Vec<Finding> = opened
+        .path
         .iter()
-        .map(|fit| sealed::errors(&study, fit, judge))
+        .map(|step| finding(step.choice, after, step.gain))
         .collect();
-    let mut findings = Vec::new();
-    let mut confirmed = 0;
-    for (k, choice) in found.iter().enumerate() {
-        // Numbers of a sealed frame's own are unknown there, whichever effect they belong to.
-        let gain = sealed::gain(&errors[k], &errors[k + 1], is_shared(&fits[k + 1]));
-        // Held-out patches have made the case; sealed data may refuse it.
-        let stands = gain.gain > SEALED_SIGMA * gain.error;
-        let own = |r: &&mut Refitted| r.after == k && r.id == choice.score.id;
-        if let Some(refit) = refits.iter_mut().find(own) {
-            refit.sealed = Some(Judged {
-                gain: gain.gain,
-                gain_se: gain.error,
-                confirmed: stands,
-            });
-        }
-        if !stands {
-            break;
-        }
-        confirmed = k + 1;
-        findings.push(finding(choice, &fits[k + 1], gain));
-    }
-    fits.truncate(confirmed + 1);
-    let all_shared = is_shared(&fits[confirmed]);
-    let (first_errors, last_errors) = (&errors[0], &errors[confirmed]);
-    let count = (first_errors.counts[0]
-        + if all_shared {
-            first_errors.counts[1]
-        } else {
-            0
-        })
-    .max(1);
+    let all_shared = is_shared(after);
+    let none = FrameNumbers::none();
+    let judge = Judge::new(&study, before, Noise::Sensor);
+    let [first_errors, last_errors] = [before, after].map(|fit| judge.errors(&study, fit, &none));
+    let count = first_errors.count(all_shared).max(1) as f64;
     let sealed = Sealed {
-        chi2_before: first_errors.chi2(all_shared) / count as f64,
-        chi2_after: last_errors.chi2(all_shared) / count as f64,
-        rmse_before: first_errors.rmse(),
-        rmse_after: last_errors.rmse(),
+        chi2_before: first_errors.chi2(all_shared) / count,
+        chi2_after: last_errors.chi2(all_shared) / count,
+        rmse_before: first_errors.rmse(all_shared),
+        rmse_after: last_errors.rmse(all_shared),
     };
-    let structured = [0, confirmed].map(|k| locate::structured_energy(&study, &fits[k]));
-    let hot_spots = locate::hot_spots(&study, &fits[0], HOT_SPOTS);
-    let hot_spots_after = locate::hot_spots(&study, &fits[confirmed], HOT_SPOTS);
-    let axes = locate::axes(&study, &fits[0], &fits[confirmed]);
-    let verdict = verdict::verdict(&findings, &ranking, structured);
-    let moved = moved(&fits[0], &fits[confirmed]);
+    let structured = [before, after].map(|fit| locate::structured_energy(&study, fit));
+    let hot_spots = locate::hot_spots(&study, before, HOT_SPOTS);
+    let hot_spots_after = locate::hot_spots(&study, after, HOT_SPOTS);
+    let axes = locate::axes(&study, before, after);
+    let grounds = Grounds {
+        found: &findings,
+        unknown: opened.unknown,
+        refused: opened.refused,
+        ranking: &ranking,
+        structured,
+    };
+    let verdict = verdict::verdict(&grounds);
+    let moved = moved(before, after);
+    let looks_like = opened.unknown;
+    let (before, after) = (before.duplicate(&study)?, after.duplicate(&study)?);
+    drop(rounds);
     seconds.insert("all".to_owned(), began.elapsed().as_secs_f64());
     let mut diagnosis = Diagnosis {
         verdict,
-        effects: findings,
+        // Of what is not explained there is a map, never a name.
+        effects: match verdict {
+            Verdict::Unexplained => Vec::new(),
+            _ => findings,
+        },
+        looks_like,
         ranking,
         sealed,
         unexplained_fraction: if structured[0] > 0.0 {
@@ -241,17 +235,6 @@ pub fn diagnose<'a>(
         seconds,
     };
     diagnosis.sentence = verdict::sentence(&diagnosis);
-    let after = fits.pop();
-    let before = if fits.is_empty() {
-        None
-    } else {
-        Some(fits.remove(0))
-    };
-    let (before, after) = match (before, after) {
-        (Some(before), Some(after)) => (before, after),
-        (_, Some(only)) => (only.duplicate(&study)?, only),
-        _ => return Err(DiagnoseError::Unknown("no model".to_owned())),
-    };
     Ok(Outcome {
         diagnosis,
         study,
@@ -283,6 +266,80 @@ fn assumptions(capture: &Capture, light: Light, study: &Study<'_>) -> Vec<String
         );
     }
     all
+}
+
+/// The model with everything that refits speak for.
+fn last_of(rounds: &[Round]) -> Option<&Fit> {
+    rounds.last()?.standing.first().map(|(_, fit)| fit)
+}
+
+/// What sealed data confirm.
+struct Opened<'a> {
+    path: Vec<Step<'a>>,
+    /// A stand-in for physics outside the table that does best.
+    unknown: Option<&'static str>,
+    /// Whether an effect that refits speak for gains there, but not enough.
+    refused: bool,
+}
+
+/// One effect that stands.
+struct Step<'a> {
+    choice: &'a Choice,
+    fit: &'a Fit,
+    gain: sealed::Gain,
+}
+
+/// Asks the sealed data: of every round the best refit and, where they refuse it, the next best at a stricter level. Later rounds
+/// began with the best, so that they are not looked at when it is refused.
+fn open<'a>(
+    study: &Study<'_>,
+    rounds: &'a [Round],
+    refits: &mut [Refitted],
+) -> Result<Opened<'a>, FitError> {
+    let mut opened = Opened {
+        path: Vec::new(),
+        unknown: None,
+        refused: false,
+    };
+    for (after, round) in rounds.iter().enumerate() {
+        let judge = Judge::new(study, &round.null, Noise::Estimated);
+        let mut ask = |id: &'static str, fit: &Fit, level: f64| -> Result<_, FitError> {
+            let unknown = FrameNumbers::of(study, fit)?;
+            let [null, with] = [&round.null, fit].map(|fit| judge.errors(study, fit, &unknown));
+            let gain = sealed::gain(study, &null, &with, true);
+            let confirmed = gain.gain > 0.0 && gain.p < level;
+            tracing::debug!(id, gain.gain, gain.error, gain.p, confirmed, "sealed");
+            let own = |r: &&mut Refitted| r.after == after && r.id == id;
+            if let Some(refit) = refits.iter_mut().find(own) {
+                refit.sealed = Some(Judged {
+                    gain: gain.gain,
+                    gain_se: gain.error,
+                    p: gain.p,
+                    confirmed,
+                });
+            }
+            Ok((gain, confirmed))
+        };
+        if let Some((id, fit)) = &round.unknown {
+            let (_, confirmed) = ask(id, fit, SEALED_LEVEL)?;
+            opened.unknown = confirmed.then_some(*id);
+            break;
+        }
+        let mut stood = None;
+        for (rank, (choice, fit)) in round.standing.iter().enumerate() {
+            let (gain, confirmed) = ask(choice.score.id, fit, SEALED_LEVEL / (rank + 1) as f64)?;
+            if confirmed {
+                stood = Some(rank);
+                opened.path.push(Step { choice, fit, gain });
+                break;
+            }
+            opened.refused |= gain.gain > 0.0 && gain.p < PERHAPS;
+        }
+        if stood != Some(0) {
+            break;
+        }
+    }
+    Ok(opened)
 }
 
 /// Whether no effect of the model has numbers of single frames.

@@ -80,7 +80,7 @@ pub struct Refitted {
     pub id: &'static str,
     /// What it gains on the development data beyond what its numbers cost, in units of χ²; not above zero: nothing.
     pub evidence: f64,
-    /// For the best of its round: gain on sealed data, and whether these let it stand.
+    /// Gain on sealed data, and whether these let it stand; absent where they were not asked.
     pub sealed: Option<Judged>,
 }
 
@@ -91,11 +91,13 @@ pub struct Judged {
     pub gain: f64,
     /// Its standard error.
     pub gain_se: f64,
+    /// Its probability by chance.
+    pub p: f64,
     /// Whether the effect stands.
     pub confirmed: bool,
 }
 
-/// Errors on sealed data before and after.
+/// Errors on sealed data before and after: sealed frames are among it where no effect in the model has numbers of single frames.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Sealed {
     /// χ² a value before.
@@ -115,6 +117,8 @@ pub struct Diagnosis {
     pub verdict: Verdict,
     /// What was added to the model, in order.
     pub effects: Vec<Finding>,
+    /// A stand-in for physics that has no name here and does better than all that has one.
+    pub looks_like: Option<&'static str>,
     /// The first screening, best first.
     pub ranking: Vec<Ranked>,
     /// Errors on sealed data.

@@ -23,6 +23,9 @@ use super::{
     transport::{Lobe, Transport},
 };
 
+/// A relative change of the cost in a step that counts as none: a tenth of what an effect must gain to be looked at.
+const SETTLED: f64 = 4e-4;
+
 /// An effect in the model with its numbers.
 #[derive(Clone)]
 pub struct Active {
@@ -174,30 +177,34 @@ impl Fit {
 
     /// Weights and random albedo of the present model, of the observations that `counted` names.
     pub fn precision(&self, study: &Study<'_>, counted: &dyn Fn(usize) -> bool) -> Precision {
-        self.precision_with(study, counted, self.tau)
+        let views = study.seen.views.len();
+        self.weighed(study, |i| {
+            if counted(i / 3) {
+                self.trust[i] / (study.variance[i] * self.scale(i, views) as f32)
+            } else {
+                0.0
+            }
+        })
     }
 
-    /// The same for another deviation of sites' own albedo.
-    pub fn precision_with(
-        &self,
-        study: &Study<'_>,
-        counted: &dyn Fn(usize) -> bool,
-        tau: [f64; 3],
-    ) -> Precision {
+    /// The same by the sensor's noise alone: no outliers, no error of the model's own.
+    pub fn plain_precision(&self, study: &Study<'_>, counted: &dyn Fn(usize) -> bool) -> Precision {
+        self.weighed(study, |i| {
+            if counted(i / 3) {
+                1.0 / study.variance[i]
+            } else {
+                0.0
+            }
+        })
+    }
+
+    fn weighed(&self, study: &Study<'_>, weight: impl Fn(usize) -> f32) -> Precision {
         let views = study.seen.views.len();
-        let weight: Vec<f32> = (0..study.value.len())
-            .map(|i| {
-                if counted(i / 3) {
-                    self.trust[i] / (study.variance[i] * self.scale(i, views) as f32)
-                } else {
-                    0.0
-                }
-            })
-            .collect();
+        let weight: Vec<f32> = (0..study.value.len()).map(weight).collect();
         let shading: Vec<f32> = (0..3 * views)
             .map(|i| self.slope[i] * self.diffuse[i])
             .collect();
-        Precision::new(&study.seen.offsets, weight, shading, tau)
+        Precision::new(&study.seen.offsets, weight, shading, self.tau)
     }
 
     /// Recomputes everything that follows from the parameters.
@@ -337,24 +344,30 @@ impl Fit {
         self.evaluate(study)
     }
 
-    /// Takes up to `steps` steps on the development data.
+    /// Takes up to `steps` steps on the development data; fewer where two in a row change next to nothing.
     ///
     /// # Errors
     /// A bug of the tape.
     pub fn refine(&mut self, study: &Study<'_>, steps: usize) -> Result<(), FitError> {
+        let mut settled = 0;
         for step in 0..steps {
             self.relink(study)?;
             let lobe = self.lobe.is_some();
-
             let before = self.cost(study);
             self.step(study, lobe)?;
+            // Under the same weights: what their estimates do to the cost is no progress.
+            let after = self.cost(study);
             self.site_albedo(study)?;
             if step > 0 {
                 self.variances(study);
             }
-            let after = self.cost(study);
             tracing::debug!(step, before, after, "nuisance step");
-            if step > 2 && before - after < 1e-3 * after.abs() && before >= after {
+            settled = if (before - after).abs() < SETTLED * after.abs() {
+                settled + 1
+            } else {
+                0
+            };
+            if step > 2 && settled > 1 {
                 break;
             }
         }

@@ -9,6 +9,9 @@ use super::{
     study::Study,
 };
 
+/// Blocks of the background that are this many pixels apart at most are neighbours.
+const NEIGHBOURS: f32 = 100.0;
+
 /// A part of a frame whose residuals have a mean that noise does not explain.
 #[derive(Clone, Debug, Serialize)]
 pub struct HotSpot {
@@ -48,6 +51,9 @@ pub fn hot_spots(study: &Study<'_>, fit: &Fit, most: usize) -> Vec<HotSpot> {
     let mut cells: Vec<(f64, f64, f64, Vec<usize>)> =
         vec![(0.0, 0.0, 0.0, Vec::new()); patches * study.seen.frames];
     for (v, view) in study.seen.views.iter().enumerate() {
+        if !study.has_known_albedo(v) {
+            continue;
+        }
         let patch = usize::from(study.seen.sites[view.site as usize].place.patch);
         let cell = &mut cells[view.frame as usize * patches + patch];
         for c in 0..3 {
@@ -115,11 +121,17 @@ pub fn hot_spots(study: &Study<'_>, fit: &Fit, most: usize) -> Vec<HotSpot> {
         .collect()
 }
 
-/// The part of residuals that neighbouring sites of a frame share: noise does not correlate, missing physics does.
+/// The part of residuals that neighbouring places of a frame share: noise does not correlate, missing physics does.
 ///
-/// A mean product of standardised residuals of neighbours, that is, an energy per value in units of the noise's variance.
+/// A mean product of standardised residuals of neighbours, that is, an energy per value in units of the noise's variance: of the
+/// surface, and as much again for the background where that is dark.
 pub fn structured_energy(study: &Study<'_>, fit: &Fit) -> f64 {
     let residual = fit.residual(study);
+    let standard = |k: usize| f64::from(residual[k] / study.variance[k].sqrt());
+    of_surface(study, &standard).max(0.0) + of_background(study, &standard).max(0.0)
+}
+
+fn of_surface(study: &Study<'_>, standard: &dyn Fn(usize) -> f64) -> f64 {
     let reach = 2.2 * study.seen.spacing;
     // Neighbours of each site, each pair once.
     let sites = &study.seen.sites;
@@ -137,11 +149,7 @@ pub fn structured_energy(study: &Study<'_>, fit: &Fit) -> f64 {
                 if fi == fj {
                     if study.develops(i) && study.develops(j) {
                         for c in 0..3 {
-                            let standard = |v: usize| {
-                                let k = 3 * v + c;
-                                f64::from(residual[k] / study.variance[k].sqrt())
-                            };
-                            sum += standard(i) * standard(j);
+                            sum += standard(3 * i + c) * standard(3 * j + c);
                             count += 1;
                         }
                     }
@@ -154,10 +162,32 @@ pub fn structured_energy(study: &Study<'_>, fit: &Fit) -> f64 {
             }
         }
     }
-    (sum / count.max(1) as f64).max(0.0)
+    sum / count.max(1) as f64
 }
 
-/// Mean residuals over frames, image radius, level, facing and distance from shadow, before and after.
+fn of_background(study: &Study<'_>, standard: &dyn Fn(usize) -> f64) -> f64 {
+    let dark = &study.seen.dark;
+    let first = study.seen.views.len();
+    let apart = |a: usize, b: usize| {
+        let [[ax, ay], [bx, by]] = [dark[a].at, dark[b].at];
+        (ax - bx).hypot(ay - by)
+    };
+    let (mut sum, mut count) = (0.0, 0u64);
+    // Blocks of a frame stand together, row by row: the next one is a neighbour but at a row's end.
+    for b in 1..dark.len() {
+        let a = b - 1;
+        let together = dark[a].frame == dark[b].frame && apart(a, b) < NEIGHBOURS;
+        if together && study.develops(first + a) && study.develops(first + b) {
+            for c in 0..3 {
+                sum += standard(3 * (first + a) + c) * standard(3 * (first + b) + c);
+                count += 1;
+            }
+        }
+    }
+    sum / count.max(1) as f64
+}
+
+/// Mean residuals over frames, image radius, level, facing and openness, before and after.
 pub fn axes(study: &Study<'_>, before: &Fit, after: &Fit) -> Vec<Axis> {
     let views = &study.seen.views;
     let typical = f64::from(before.scene(study).typical());
@@ -239,7 +269,7 @@ fn axis(
 ) -> Axis {
     let (first, last) = (before.residual(study), after.residual(study));
     let mut sums = vec![[0.0f64; 4]; bins];
-    for v in 0..study.seen.views.len() {
+    for v in (0..study.seen.views.len()).filter(|&v| study.has_known_albedo(v)) {
         let at = (of(v) - low) / (high - low) * bins as f64;
         if !(0.0..bins as f64).contains(&at) {
             continue;

@@ -71,7 +71,7 @@ fn model(outcome: &Outcome<'_>, fit: &Fit, t: usize) -> Image {
         .views
         .iter()
         .enumerate()
-        .filter(|(_, view)| view.frame as usize == t)
+        .filter(|&(v, view)| view.frame as usize == t && study.has_known_albedo(v))
         .map(|(v, view)| {
             let there = sample(render, view.at);
             let ratio = [0, 1, 2]

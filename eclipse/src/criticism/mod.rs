@@ -10,6 +10,7 @@ pub mod diagnosis;
 pub mod effects;
 pub mod fit;
 pub mod formation;
+pub mod frame_numbers;
 pub mod gram;
 pub mod horizon;
 pub mod lamps;

@@ -1,11 +1,17 @@
-//! Captures in which nothing of the table is missing, only finer than the model: what a diagnosis must not call physics.
+//! Captures in which none of the table's effects is missing: what a diagnosis must not give a name to.
 //!
-//! Each is derived from a capture that is a null already: what it holds beyond its base is known, and is no effect.
+//! Each is derived from a capture that is a null already: what it holds beyond its base is known. That is nothing, or structure
+//! finer than the model, or physics that no effect describes.
 
+mod banding;
 mod coarse_mesh;
 mod fine_texture;
+mod flash;
+mod ghost;
+mod lens_distortion;
 mod more_noise;
 pub mod scenes;
+mod stain;
 
 use std::{fs, path::Path};
 
@@ -18,10 +24,24 @@ use crate::{
 /// The file of a derived capture that holds the fingerprint of its base.
 const BASE: &str = "base.fingerprint";
 
-/// What a derived null holds that its base does not.
+/// What a diagnosis should say of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Nothing is missing.
+    Plain,
+    /// Nothing is missing, although the model is coarser than the recording.
+    Structured,
+    /// Something is missing, but no effect that is known: no name is right.
+    Outside,
+}
+
+/// What a derived capture holds that its base does not.
 pub trait Structure: Sync {
     /// Its name in reports.
     fn id(&self) -> &'static str;
+
+    /// What it is.
+    fn kind(&self) -> Kind;
 
     /// Changes a capture in place.
     fn derive(&self, capture: &mut Capture);
@@ -33,6 +53,10 @@ struct Plain;
 impl Structure for Plain {
     fn id(&self) -> &'static str {
         "plain"
+    }
+
+    fn kind(&self) -> Kind {
+        Kind::Plain
     }
 
     fn derive(&self, _: &mut Capture) {}
@@ -67,11 +91,16 @@ pub fn derive_into(
 }
 
 /// All of them.
-pub fn all() -> [&'static dyn Structure; 4] {
+pub fn all() -> [&'static dyn Structure; 9] {
     [
         &Plain,
         &more_noise::MoreNoise,
         &fine_texture::FineTexture,
         &coarse_mesh::CoarseMesh,
+        &banding::Banding,
+        &flash::Flash,
+        &ghost::Ghost,
+        &lens_distortion::LensDistortion,
+        &stain::Stain,
     ]
 }

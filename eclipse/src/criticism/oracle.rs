@@ -2,7 +2,10 @@
 
 use super::{
     diagnose::{DiagnoseError, Outcome},
-    effects, refit, sealed,
+    effects,
+    frame_numbers::FrameNumbers,
+    refit,
+    sealed::{self, Judge, Noise},
 };
 
 /// Gains on sealed patches over the first model.
@@ -43,9 +46,12 @@ pub fn yardstick(
         }
         told.refine(study, refit::STEPS)?;
     }
-    let errors = |fit| sealed::errors(study, fit, &outcome.before);
+    // Patches alone are looked at.
+    let none = FrameNumbers::none();
+    let judge = Judge::new(study, &outcome.before, Noise::Estimated);
+    let errors = |fit| judge.errors(study, fit, &none);
     let before = errors(&outcome.before);
-    let gain = |fit| sealed::gain(&before, &errors(fit), false);
+    let gain = |fit| sealed::gain(study, &before, &errors(fit), false);
     let (diagnosed, told) = (gain(&outcome.after), gain(&told));
     Ok(Some(Yardstick {
         diagnosed: diagnosed.gain,

@@ -19,8 +19,10 @@ pub const STEPS: usize = 12;
 pub struct Round {
     /// The model without any effect more, refitted just as long.
     pub null: Fit,
-    /// The effect to be added with its model; `None` when none stands up.
-    pub winner: Option<(Choice, Fit)>,
+    /// Physics whose evidence speaks for it, best first, with its model; none where more freedom does better.
+    pub standing: Vec<(Choice, Fit)>,
+    /// A stand-in for physics outside the table that does better than any within, with its model.
+    pub unknown: Option<(&'static str, Fit)>,
     /// Every refit's effect and evidence, best first.
     ///
     /// Evidence is twice a logarithm, in units of χ²: the gain over the model without the effect refitted just as long, less what
@@ -39,18 +41,21 @@ pub fn round(
     report: &dyn Fn(&str) -> Result<(), DiagnoseError>,
 ) -> Result<Round, DiagnoseError> {
     report("refit without any further effect")?;
-    let mut null = fit.duplicate(study)?;
+    // All begin alike: what numbers of single frames took up for want of a better explanation must not stay.
+    let begin = || -> Result<Fit, DiagnoseError> {
+        let mut fit = fit.duplicate(study)?;
+        fit.forget_frames();
+        Ok(fit)
+    };
+    let mut null = begin()?;
     null.refine(study, STEPS)?;
     let before = null.cost_by(study, &null);
     let mut refits = Vec::new();
     for contender in contenders {
         let score = &contender.score;
         report(&format!("refit with {}", score.id))?;
-        let effect =
-            effects::by_id(score.id).ok_or_else(|| DiagnoseError::Unknown(score.id.to_owned()))?;
-        let mut with = fit.duplicate(study)?;
-        with.forget_frames();
-        with.add(effect, score.beta.clone());
+        let mut with = begin()?;
+        with.add(effect(score.id)?, score.beta.clone());
         with.refine(study, STEPS)?;
         let gain = 2.0 * (before - with.cost_by(study, &null)) + unusual(&null) - unusual(&with);
         let evidence = gain - price(&with, score);
@@ -60,27 +65,42 @@ pub fn round(
     refits.sort_by(|a, b| b.2.total_cmp(&a.2));
     let evidence: Vec<(&'static str, f64)> =
         refits.iter().map(|(c, _, e)| (c.score.id, *e)).collect();
-    let best = refits.into_iter().next().filter(|(best, _, evidence)| {
-        // More freedom for what the model has already explains it best: no physics is needed.
-        *evidence > 0.0 && !effects::by_id(best.score.id).is_some_and(|e| e.is_capacity())
-    });
-    let winner = best.map(|(best, fit, most)| {
-        let as_good = |id: &&'static str| {
-            let other = evidence.iter().find(|(other, _)| other == id);
-            other.is_some_and(|(_, e)| *e > 0.5 * most)
-        };
+    let as_good = |id: &str, most: f64| {
+        let other = evidence.iter().find(|(other, _)| *other == id);
+        other.is_some_and(|(_, e)| *e > 0.5 * most)
+    };
+    let (mut standing, mut unknown) = (Vec::new(), None);
+    for (contender, fit, own) in refits {
+        if own <= 0.0 {
+            break;
+        }
+        let known = effect(contender.score.id)?;
+        if known.stands_for_unknown() && standing.is_empty() {
+            unknown = Some((known.id(), fit));
+            break;
+        }
+        if known.is_capacity() {
+            // More freedom for what the model has already explains it better than whatever follows.
+            break;
+        }
+        let rivals = contender.rivals.into_iter();
         let choice = Choice {
-            p_holm: best.p_holm,
-            ambiguous_with: best.rivals.into_iter().filter(as_good).collect(),
-            score: best.score,
+            p_holm: contender.p_holm,
+            ambiguous_with: rivals.filter(|id| as_good(id, own)).collect(),
+            score: contender.score,
         };
-        (choice, fit)
-    });
+        standing.push((choice, fit));
+    }
     Ok(Round {
         null,
-        winner,
+        standing,
+        unknown,
         evidence,
     })
+}
+
+fn effect(id: &str) -> Result<&'static dyn effects::Effect, DiagnoseError> {
+    effects::by_id(id).ok_or_else(|| DiagnoseError::Unknown(id.to_owned()))
 }
 
 /// How far the effects' numbers are from what is usual, in standard deviations, squared.

@@ -1,26 +1,55 @@
 //! Sealed data, opened once: how much better a refitted model explains what no fit has seen.
 
+use rayon::prelude::*;
+
 use super::{
     fit::Fit,
+    frame_numbers::FrameNumbers,
+    linear::{Cholesky, inner},
+    precision::Precision,
     split::Role,
-    statistics::{paired, sign_flips},
+    statistics::{clustered, sign_flips},
     study::Study,
 };
 
-/// Standard deviation of the albedo of a patch that no fit has seen, as wide as the texture's own prior: what a fit happens to
-/// continue there must not count for or against an effect.
-const UNSEEN: f64 = 0.25;
+/// Bumps of the texture that change no value of a sealed patch by this much (of an albedo of one) are left out.
+const REACHES: f32 = 1e-4;
 
-/// Squared errors on sealed data by block, in units of the first model's noise.
+/// Whose noise errors are measured by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Noise {
+    /// As wide as the judge's own residuals, outliers trusted less: for comparisons.
+    Estimated,
+    /// The sensor's alone: for χ².
+    Sensor,
+}
+
+/// What comparisons on sealed data are measured by: the noise and the texture of one model.
+pub struct Judge {
+    patches: Precision,
+    frames: Precision,
+    texture: Texture,
+}
+
+/// Squared errors on sealed data, in units of the judge's noise.
 pub struct Errors {
-    /// By frame and sealed patch, in frames that take part in the fit.
-    pub patches: Vec<f64>,
-    /// By frame and patch, in sealed frames; zero in the others.
-    pub frames: Vec<f64>,
+    /// Of each place in each frame.
+    cells: Vec<Cell>,
     /// Values on sealed patches and in sealed frames.
     pub counts: [usize; 2],
-    /// Sum of squared plain differences, over both.
-    pub squares: f64,
+    /// Sums of squared plain differences there.
+    pub squares: [f64; 2],
+}
+
+/// Errors of one place (a patch of surface, or of the background) in one frame.
+#[derive(Clone, Copy, Default)]
+struct Cell {
+    /// On a sealed patch, in a frame that takes part in the fit.
+    patch: f64,
+    /// In a sealed frame.
+    frame: f64,
+    /// Values of either.
+    values: [u32; 2],
 }
 
 /// The change from one model to another.
@@ -28,98 +57,317 @@ pub struct Errors {
 pub struct Gain {
     /// Reduction of the squared error in units of the noise.
     pub gain: f64,
-    /// Its standard error.
+    /// Its standard error: the largest of those by places in frames, by places, and by frames.
     pub error: f64,
-    /// By signs of blocks.
+    /// Probability of so large a gain without the effect, by random signs of places or of frames, whichever is larger.
     pub p: f64,
 }
 
-/// The errors of `fit`, measured by the noise of `judge`.
-///
-/// A site on a sealed patch has an albedo of its own that nobody knows: its random effect is integrated out. In a sealed
-/// frame it is known from the other frames.
-pub fn errors(study: &Study<'_>, fit: &Fit, judge: &Fit) -> Errors {
-    let on_patch = |i: usize| study.role[i] == Role::SealedPatch;
-    let in_frame = |i: usize| study.role[i] == Role::SealedFrame;
-    let residual = fit.residual(study);
-    // Shading is the judge's as well: two covariances would not be comparable.
-    let mut white = residual.clone();
-    // Texture is not known there better than its neighbours tell.
-    let tau = judge.tau.map(|tau| tau.hypot(UNSEEN));
-    judge
-        .precision_with(study, &on_patch, tau)
-        .whiten(&mut white);
-    let known = judge.precision(study, &in_frame);
-    // A patch in one frame is a block: what neighbours share there is one error, not many.
-    let across = study.blocks();
-    let block = |i: usize| study.seen.frame(i) as usize * across + study.block(i);
-    let mut patches = vec![0.0; across * study.seen.frames];
-    let mut frames = patches.clone();
-    let mut counts = [0; 2];
-    let mut squares = 0.0;
-    for i in 0..study.seen.len() {
-        for c in 0..3 {
-            let k = 3 * i + c;
-            let r = f64::from(residual[k]);
-            if on_patch(i) {
-                patches[block(i)] += f64::from(white[k]).powi(2);
-                counts[0] += 1;
-                squares += r * r;
-            } else if in_frame(i) {
-                frames[block(i)] += f64::from(known.weight()[k]) * r * r;
-                counts[1] += 1;
-                squares += r * r;
+impl Judge {
+    /// The noise and the texture of `fit`.
+    pub fn new(study: &Study<'_>, fit: &Fit, noise: Noise) -> Self {
+        let precision = |role: Role| {
+            let counted = |i: usize| study.role[i] == role;
+            match noise {
+                Noise::Estimated => fit.precision(study, &counted),
+                Noise::Sensor => fit.plain_precision(study, &counted),
             }
+        };
+        let patches = precision(Role::SealedPatch);
+        Self {
+            texture: Texture::new(study, fit, &patches),
+            patches,
+            frames: precision(Role::SealedFrame),
         }
     }
-    Errors {
-        patches,
-        frames,
-        counts,
-        squares,
+
+    /// The errors of `fit`.
+    ///
+    /// What a sealed patch's texture is nobody knows: its smooth part has its prior, as has what each site is beyond it, and both
+    /// are integrated out. In a sealed frame they are known from the other frames; what is not known there are numbers of the
+    /// frame's own, `unknown`, and what they can explain is taken out. Models that are compared must have the same of them.
+    pub fn errors(&self, study: &Study<'_>, fit: &Fit, unknown: &FrameNumbers) -> Errors {
+        let mut residual = fit.residual(study);
+        let mut counts = [0; 2];
+        let mut squares = [0.0; 2];
+        let plain = residual.iter().map(|&r| f64::from(r).powi(2));
+        for (k, square) in plain.enumerate() {
+            let kind = match study.role[k / 3] {
+                Role::SealedPatch => 0,
+                Role::SealedFrame => 1,
+                Role::Development(_) | Role::Gutter => continue,
+            };
+            counts[kind] += 1;
+            squares[kind] += square;
+        }
+        let mut white = residual.clone();
+        self.patches.whiten(&mut white);
+        let products = self.texture.products(&white);
+        unknown.take_out(study, self.frames.weight(), &mut residual);
+        let places = Places::new(study);
+        let mut cells = vec![Cell::default(); places.count * study.seen.frames];
+        for i in 0..study.seen.len() {
+            let cell = &mut cells[places.of(study, i)];
+            let own = 3 * i..3 * i + 3;
+            match study.role[i] {
+                Role::SealedPatch => {
+                    cell.patch += products[own].iter().sum::<f64>();
+                    cell.values[0] += 3;
+                }
+                Role::SealedFrame => {
+                    let weighed = |k: usize| {
+                        f64::from(self.frames.weight()[k]) * f64::from(residual[k]).powi(2)
+                    };
+                    cell.frame += own.map(weighed).sum::<f64>();
+                    cell.values[1] += 3;
+                }
+                Role::Development(_) | Role::Gutter => {}
+            }
+        }
+        Errors {
+            cells,
+            counts,
+            squares,
+        }
     }
 }
 
-/// What `after` gains over `before`; sealed frames count only where `frames` says that the effect is the same in all.
-pub fn gain(before: &Errors, after: &Errors, frames: bool) -> Gain {
-    let mut differences: Vec<f64> = before
-        .patches
-        .iter()
-        .zip(&after.patches)
-        .filter(|(b, _)| **b > 0.0)
-        .map(|(b, a)| b - a)
-        .collect();
-    if frames {
-        differences.extend(
-            before
-                .frames
-                .iter()
-                .zip(&after.frames)
-                .filter(|(b, _)| **b > 0.0)
-                .map(|(b, a)| b - a),
-        );
+/// Patches of the surface, then those of the background.
+struct Places {
+    count: usize,
+}
+
+/// Patches of the background that are told apart.
+const DARK: usize = 24;
+
+impl Places {
+    fn new(study: &Study<'_>) -> Self {
+        Self {
+            count: study.seen.patches + DARK,
+        }
     }
-    let (gain, error) = paired(&differences);
+
+    /// The index of the place and frame of an observation.
+    fn of(&self, study: &Study<'_>, i: usize) -> usize {
+        let place = match study.seen.views.get(i) {
+            Some(view) => usize::from(study.seen.sites[view.site as usize].place.patch),
+            None => {
+                let dark = &study.seen.dark[i - study.seen.views.len()];
+                study.seen.patches + dark.patch as usize % DARK
+            }
+        };
+        study.seen.frame(i) as usize * self.count + place
+    }
+}
+
+/// What `after` gains over `before` on sealed patches and, where `frames` says so, in sealed frames.
+pub fn gain(study: &Study<'_>, before: &Errors, after: &Errors, frames: bool) -> Gain {
+    let of = |cell: &Cell| cell.patch + if frames { cell.frame } else { 0.0 };
+    let pairs = before.cells.iter().zip(&after.cells).enumerate();
+    let differences: Vec<Difference> = pairs
+        .map(|(cell, (b, a))| Difference {
+            cell,
+            gain: of(b) - of(a),
+            values: f64::from(b.values[0] + if frames { b.values[1] } else { 0 }),
+        })
+        .filter(|d| d.values > 0.0)
+        .collect();
+    judged(&differences, Places::new(study).count)
+}
+
+/// What one place in one frame gains.
+struct Difference {
+    cell: usize,
+    gain: f64,
+    values: f64,
+}
+
+/// Of cells that are counted frame by frame with so many places in each.
+fn judged(differences: &[Difference], places: usize) -> Gain {
+    let all = |of: fn(&Difference) -> f64| differences.iter().map(of).sum::<f64>();
+    let gain = all(|d| d.gain);
+    let each = gain / all(|d| d.values).max(1.0);
+    let by = |cluster: fn(usize, usize) -> usize, of: &dyn Fn(&Difference) -> f64| {
+        let pairs = differences.iter().map(|d| (cluster(d.cell, places), of(d)));
+        clustered(pairs)
+    };
+    let kinds: [fn(usize, usize) -> usize; 3] = [|k, _| k, |k, n| k % n, |k, n| k / n];
+    let error = |kind| {
+        // About the same gain a value: clusters differ in size.
+        let scatter = by(kind, &|d| d.gain - each * d.values);
+        let n = scatter.len() as f64;
+        let squares: f64 = scatter.iter().map(|d| d * d).sum();
+        if n < 2.0 {
+            f64::INFINITY
+        } else {
+            (squares * n / (n - 1.0)).sqrt()
+        }
+    };
     Gain {
         gain,
-        error,
-        p: sign_flips(&differences),
+        error: kinds.map(error).into_iter().fold(0.0, f64::max),
+        p: kinds[1..]
+            .iter()
+            .map(|kind| sign_flips(&by(*kind, &|d| d.gain)))
+            .fold(0.0, f64::max),
     }
 }
 
 impl Errors {
+    /// Values that count.
+    pub fn count(&self, frames: bool) -> usize {
+        self.counts[0] + if frames { self.counts[1] } else { 0 }
+    }
+
     /// χ² over everything that counts.
     pub fn chi2(&self, frames: bool) -> f64 {
-        let sum = self.patches.iter().sum::<f64>();
-        if frames {
-            sum + self.frames.iter().sum::<f64>()
-        } else {
-            sum
+        let of = |cell: &Cell| cell.patch + if frames { cell.frame } else { 0.0 };
+        self.cells.iter().map(of).sum()
+    }
+
+    /// Root mean square difference of the values that count.
+    pub fn rmse(&self, frames: bool) -> f64 {
+        let sum = self.squares[0] + if frames { self.squares[1] } else { 0.0 };
+        (sum / self.count(frames).max(1) as f64).sqrt()
+    }
+}
+
+/// What the smooth texture may be on sealed patches, colour by colour.
+struct Texture {
+    /// Indices of the values on sealed patches, by colour.
+    rows: [Vec<usize>; 3],
+    /// Whitened columns of the bumps there, `[colour][bump][row]`.
+    columns: [Vec<Vec<f64>>; 3],
+    /// Of the columns' Gram matrix plus the unit prior.
+    factor: [Cholesky; 3],
+    values: usize,
+}
+
+impl Texture {
+    fn new(study: &Study<'_>, fit: &Fit, precision: &Precision) -> Self {
+        let bumps = &fit.formation.texture;
+        let on_patch = |i: usize| study.role[i] == Role::SealedPatch;
+        let views: Vec<usize> = (0..study.seen.views.len())
+            .filter(|&v| on_patch(v))
+            .collect();
+        let at = |v: usize, b: usize| bumps.at(study.seen.views[v].site as usize)[b];
+        let reaching: Vec<usize> = (0..bumps.bumps)
+            .filter(|&b| views.iter().any(|&v| at(v, b) > REACHES))
+            .collect();
+        let white: Vec<Vec<f32>> = reaching
+            .par_iter()
+            .map(|&b| {
+                let mut column = vec![0.0; study.value.len()];
+                for &v in &views {
+                    for k in 3 * v..3 * v + 3 {
+                        column[k] = at(v, b) * fit.slope[k] * fit.diffuse[k];
+                    }
+                }
+                precision.whiten(&mut column);
+                column
+            })
+            .collect();
+        let rows = [0, 1, 2].map(|c| views.iter().map(|v| 3 * v + c).collect::<Vec<_>>());
+        let columns = [0, 1, 2].map(|c: usize| {
+            let of = |column: &Vec<f32>| rows[c].iter().map(|&k| f64::from(column[k])).collect();
+            white.iter().map(of).collect::<Vec<Vec<f64>>>()
+        });
+        let factor = [0, 1, 2].map(|c: usize| with_prior(&columns[c]));
+        Self {
+            rows,
+            columns,
+            factor,
+            values: study.value.len(),
         }
     }
 
-    /// Root mean square difference of values.
-    pub fn rmse(&self) -> f64 {
-        (self.squares / (self.counts[0] + self.counts[1]).max(1) as f64).sqrt()
+    /// Each value's part of eᵀ (1 + X Xᵀ)⁻¹ e = eᵀ (e − X (XᵀX + 1)⁻¹ Xᵀ e) for whitened errors `e`.
+    fn products(&self, white: &[f32]) -> Vec<f64> {
+        let mut products: Vec<f64> = white.iter().map(|&e| f64::from(e).powi(2)).collect();
+        debug_assert_eq!(products.len(), self.values);
+        for c in 0..3 {
+            let errors: Vec<f64> = self.rows[c].iter().map(|&k| f64::from(white[k])).collect();
+            let mut numbers: Vec<f64> = self.columns[c].iter().map(|x| inner(x, &errors)).collect();
+            self.factor[c].forward(&mut numbers, 1);
+            self.factor[c].backward(&mut numbers, 1);
+            for (row, &k) in self.rows[c].iter().enumerate() {
+                let pairs = self.columns[c].iter().zip(&numbers);
+                let explained: f64 = pairs.map(|(x, n)| x[row] * n).sum();
+                products[k] -= errors[row] * explained;
+            }
+        }
+        products
+    }
+}
+
+/// The factor of XᵀX + 1.
+fn with_prior(columns: &[Vec<f64>]) -> Cholesky {
+    let n = columns.len();
+    let lines: Vec<Vec<f64>> = (0..n)
+        .into_par_iter()
+        .map(|i| {
+            (0..n)
+                .map(|j| {
+                    let own = if i == j { 1.0 } else { 0.0 };
+                    if j <= i {
+                        own + inner(&columns[i], &columns[j])
+                    } else {
+                        0.0
+                    }
+                })
+                .collect()
+        })
+        .collect();
+    // Of a symmetric matrix the lower half is enough.
+    Cholesky::new(&lines.concat(), n, n)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_place_that_gains_is_no_proof() {
+        // Ten frames of seven places.
+        let all = |of: &dyn Fn(usize) -> f64| -> Vec<Difference> {
+            let one = |cell| Difference {
+                cell,
+                gain: of(cell),
+                values: 3.0,
+            };
+            (0..70).map(one).collect()
+        };
+        let everywhere = judged(&all(&|k| 1.0 + 0.5 * (k as f64).sin()), 7);
+        assert!(everywhere.p < 0.02, "{everywhere:?}");
+        let somewhere = judged(&all(&|k| if k % 7 == 3 { 9.0 } else { -0.1 }), 7);
+        assert!(somewhere.gain > everywhere.gain);
+        assert!(somewhere.p > 0.2, "{somewhere:?}");
+        assert!(somewhere.error > 0.9 * somewhere.gain);
+        let once = judged(&all(&|k| if k / 7 == 3 { 9.0 } else { -0.1 }), 7);
+        assert!(once.p > 0.2, "{once:?}");
+        let never = judged(&all(&|_| -1.0), 7);
+        assert!(never.gain < 0.0 && never.p == 1.0);
+    }
+
+    #[test]
+    fn what_texture_may_do_is_integrated_out() {
+        let columns = vec![vec![2.0, 0.0, 1.0], vec![0.0, 1.0, 1.0]];
+        let texture = Texture {
+            rows: [vec![0, 3, 6], Vec::new(), Vec::new()],
+            factor: [with_prior(&columns), with_prior(&[]), with_prior(&[])],
+            columns: [columns, Vec::new(), Vec::new()],
+            values: 9,
+        };
+        let mut white = vec![0.0; 9];
+        (white[0], white[3], white[6], white[1]) = (1.0, -2.0, 0.5, 3.0);
+        let found: f64 = texture.products(&white).iter().sum();
+        // 1 + X Xᵀ = [[5, 0, 2], [0, 2, 1], [2, 1, 3]]; its inverse by cofactors over the determinant 17.
+        let inverse = [[5.0, 2.0, -4.0], [2.0, 11.0, -5.0], [-4.0, -5.0, 10.0]];
+        let e = [1.0, -2.0, 0.5];
+        let direct: f64 = (0..3)
+            .flat_map(|i| (0..3).map(move |j| (i, j)))
+            .map(|(i, j)| e[i] * inverse[i][j] * e[j] / 17.0)
+            .sum();
+        assert!((found - direct - 9.0).abs() < 1e-9, "{found} {direct}");
     }
 }

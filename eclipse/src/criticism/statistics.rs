@@ -81,6 +81,15 @@ pub fn paired(differences: &[f64]) -> (f64, f64) {
     (sum, (squares * n / (n - 1.0)).sqrt())
 }
 
+/// Sums of `values` by cluster: what is in one is not independent.
+pub fn clustered(values: impl Iterator<Item = (usize, f64)>) -> Vec<f64> {
+    let mut sums = std::collections::BTreeMap::new();
+    for (cluster, value) in values {
+        *sums.entry(cluster).or_insert(0.0) += value;
+    }
+    sums.into_values().collect()
+}
+
 /// How often random signs of the blocks give as large a sum; beyond what sampling resolves, the normal approximation.
 pub fn sign_flips(differences: &[f64]) -> f64 {
     const DRAWS: usize = 4000;

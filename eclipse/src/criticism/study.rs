@@ -290,6 +290,12 @@ impl<'a> Study<'a> {
         matches!(self.role[i], Role::Development(_))
     }
 
+    /// Whether the albedo of a view's site was fitted: on sealed patches and in gutters it was not, and what differs there is mostly
+    /// that.
+    pub fn has_known_albedo(&self, view: usize) -> bool {
+        matches!(self.role[view], Role::Development(_) | Role::SealedFrame)
+    }
+
     /// The block an observation belongs to: a patch of surface in every fourth frame, or a patch of the background in one
     /// frame. Errors within a block are not independent.
     pub fn block(&self, i: usize) -> usize {

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::{Diagnosis, Verdict, effects, oracle::Yardstick};
 
 /// Identifier of an effect that no table knows.
-const OUTSIDE: &str = "outside";
+pub const OUTSIDE: &str = "outside";
 
 /// All that a label may call true.
 pub fn names() -> Vec<&'static str> {

@@ -1,39 +1,57 @@
 //! The outcome in a word and in a sentence.
 
+pub use super::diagnosis::Verdict;
 use super::{
-    diagnosis::{Diagnosis, Finding, Ranked, Verdict},
+    diagnosis::{Diagnosis, Finding, Ranked},
     effects,
+    statistics::median,
 };
 
 /// Structured mismatch, in units of the noise's variance, that calls for an explanation.
 const STRUCTURE: f64 = 0.35;
+/// Effects that would have to be larger than this share of the image to be found are named where nothing is missing.
+const HIDDEN: f64 = 0.05;
 /// An effect whose gain is this many standard errors may be there.
 const HINT: f64 = 2.5;
 
-/// The outcome from what was found, the first ranking and the structured mismatch before and after.
-pub fn verdict(found: &[Finding], ranking: &[Ranked], structured: [f64; 2]) -> Verdict {
-    if let Some(first) = found.first() {
+/// What a verdict rests on.
+pub struct Grounds<'a> {
+    /// What sealed data confirmed.
+    pub found: &'a [Finding],
+    /// A stand-in for physics outside the table that they confirmed.
+    pub unknown: Option<&'static str>,
+    /// Whether they gave an effect some credit, but too little.
+    pub refused: bool,
+    /// The first screening.
+    pub ranking: &'a [Ranked],
+    /// Structured mismatch before and after, in units of the noise's variance.
+    pub structured: [f64; 2],
+}
+
+/// The outcome.
+pub fn verdict(grounds: &Grounds<'_>) -> Verdict {
+    let [before, after] = grounds.structured;
+    if !grounds.found.is_empty() {
         // An effect that leaves most of the structure is a part of something else.
-        if structured[1] > STRUCTURE && structured[1] > 0.6 * structured[0] {
-            return Verdict::Unexplained;
-        }
-        return if first.ambiguous_with.is_empty() {
-            Verdict::Explained
-        } else {
+        return if after > STRUCTURE && after > 0.5 * before {
+            Verdict::Unexplained
+        } else if grounds.found.iter().any(|f| !f.ambiguous_with.is_empty()) {
             Verdict::Ambiguous
+        } else {
+            Verdict::Explained
         };
     }
-    if structured[0] > STRUCTURE {
+    if before > STRUCTURE || grounds.unknown.is_some() {
         return Verdict::Unexplained;
     }
-    let hint = ranking.iter().any(|r| {
+    let hint = |r: &Ranked| {
         !r.capacity
             && r.gain > HINT * r.gain_se
             && r.p < 1e-3
             && r.size < r.minimum_detectable
             && r.minimum_detectable > 0.02
-    });
-    if hint {
+    };
+    if grounds.refused || grounds.ranking.iter().any(hint) {
         Verdict::Underpowered
     } else {
         Verdict::NothingMissing
@@ -79,28 +97,52 @@ pub fn sentence(d: &Diagnosis) -> String {
             "{place}Something may be missing, but these photographs are too few or too noisy to tell what."
         ),
         Verdict::NothingMissing => {
-            let least = d
-                .ranking
-                .iter()
-                .filter(|r| !r.capacity && r.minimum_detectable.is_finite())
-                .map(|r| r.minimum_detectable)
-                .fold(0.0, f64::max);
-            format!(
-                "Nothing is missing: simulation and photographs agree within their noise. Effects of {:.1} % of the image and more would have been found.",
-                100.0 * least
-            )
-        }
-        Verdict::Unexplained => {
-            let part = if names.is_empty() {
+            let physics = || {
+                d.ranking
+                    .iter()
+                    .filter(|r| !r.capacity && r.minimum_detectable.is_finite())
+            };
+            let mut sizes: Vec<f64> = physics().map(|r| r.minimum_detectable).collect();
+            let middle = median(&mut sizes);
+            let hidden: Vec<&str> = physics()
+                .filter(|r| r.minimum_detectable > HIDDEN)
+                .map(|r| r.id)
+                .collect();
+            let bound = if middle.is_finite() {
+                format!(
+                    " Half of the effects would have shown at {:.1} % of the image.",
+                    100.0 * middle
+                )
+            } else {
+                String::new()
+            };
+            let but = if hidden.is_empty() {
                 String::new()
             } else {
                 format!(
-                    " {} explains only {explained:.0} % of it.",
-                    names.join(" together with ")
+                    " Not excluded, since light and albedo imitate them here: {} of {:.0} % and more.",
+                    hidden.join(", "),
+                    100.0 * HIDDEN
                 )
             };
             format!(
-                "{place}Something is missing that none of the known effects explains; see the maps for where.{part}"
+                "Nothing is missing: simulation and photographs agree within their noise.{bound}{but}"
+            )
+        }
+        Verdict::Unexplained => {
+            let like = d
+                .looks_like
+                .and_then(effects::by_id)
+                .map_or(String::new(), |stand_in| {
+                    format!(" It looks most like {}.", stand_in.describe())
+                });
+            let part = if d.unexplained_fraction < 1.0 {
+                format!(" The best of them explain {explained:.0} % of it.")
+            } else {
+                String::new()
+            };
+            format!(
+                "{place}Something is missing that none of the known effects explains; see the maps for where.{like}{part}"
             )
         }
     }
@@ -113,4 +155,62 @@ fn told(finding: &Finding) -> String {
         finding.id,
         100.0 * finding.size
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(ambiguous_with: Vec<&'static str>) -> Finding {
+        Finding {
+            id: "vignetting",
+            parameters: Default::default(),
+            standard_errors: Default::default(),
+            sealed_gain: 100.0,
+            sealed_gain_se: 10.0,
+            p_holm: 1e-6,
+            survival: 0.5,
+            size: 0.02,
+            minimum_detectable: 0.001,
+            ambiguous_with,
+            place: Default::default(),
+        }
+    }
+
+    fn of(found: &[Finding], structured: [f64; 2]) -> Grounds<'_> {
+        Grounds {
+            found,
+            unknown: None,
+            refused: false,
+            ranking: &[],
+            structured,
+        }
+    }
+
+    #[test]
+    fn a_name_is_given_only_where_it_explains_most() {
+        let one = [found(Vec::new())];
+        assert_eq!(verdict(&of(&one, [3.0, 0.2])), Verdict::Explained);
+        assert_eq!(verdict(&of(&one, [3.0, 1.0])), Verdict::Explained);
+        assert_eq!(verdict(&of(&one, [3.0, 1.6])), Verdict::Unexplained);
+        assert_eq!(verdict(&of(&one, [0.05, 0.05])), Verdict::Explained);
+        let both = [found(Vec::new()), found(vec!["medium"])];
+        assert_eq!(verdict(&of(&both, [3.0, 0.2])), Verdict::Ambiguous);
+    }
+
+    #[test]
+    fn without_a_name_the_structure_decides() {
+        assert_eq!(verdict(&of(&[], [0.05, 0.05])), Verdict::NothingMissing);
+        assert_eq!(verdict(&of(&[], [2.0, 2.0])), Verdict::Unexplained);
+        let stand_in = Grounds {
+            unknown: Some("image_pattern"),
+            ..of(&[], [0.05, 0.05])
+        };
+        assert_eq!(verdict(&stand_in), Verdict::Unexplained);
+        let refused = Grounds {
+            refused: true,
+            ..of(&[], [0.05, 0.05])
+        };
+        assert_eq!(verdict(&refused), Verdict::Underpowered);
+    }
 }

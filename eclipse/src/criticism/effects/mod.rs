@@ -11,6 +11,8 @@ mod defocus;
 mod emission;
 mod exposure_drift;
 mod ground_bounce;
+mod image_pattern;
+mod image_warp;
 mod interreflection;
 mod lamp_direction;
 mod medium;
@@ -22,8 +24,10 @@ mod occluder_bounce;
 mod pose_error;
 mod response_curve;
 mod specular_lobe;
+mod surface_change;
 mod translucency;
 mod veiling_glare;
+mod view_dependence;
 mod vignetting;
 
 use autodiff::{Detached, Var};
@@ -142,6 +146,11 @@ pub trait Effect: Sync {
     fn is_capacity(&self) -> bool {
         false
     }
+    /// For capacity: whether it stands for physics that has no name here, rather than for a model that is too coarse. Where it does
+    /// best, no name is right.
+    fn stands_for_unknown(&self) -> bool {
+        false
+    }
     /// Whether it can be told under such light.
     fn under(&self, light: Light) -> bool {
         light == Light::Environment
@@ -222,6 +231,10 @@ pub fn all() -> Vec<&'static dyn Effect> {
         &capacity::FinerEnvironment,
         &capacity::FinerOccluders,
         &capacity::FinerLamps,
+        &image_pattern::ImagePattern,
+        &image_warp::ImageWarp,
+        &surface_change::SurfaceChange,
+        &view_dependence::ViewDependence,
     ]
 }
 

@@ -1,17 +1,13 @@
 //! Light that a pale occluder sends back to the object.
 
-use super::{
-    Effect, Stage, Term,
-    moving_occluder::{azimuths, blocked_light},
-    support::CameraGrid,
-};
+use super::{Effect, Stage, Term, moving_occluder::azimuths};
 use crate::criticism::scene::Scene;
 
 /// + E_t (1 − M_t).
 ///
-/// Where an occluder is in the model, M is its transmittance and E its radiance, which depends on the side of the surroundings
-/// that it faces: one number and two for the camera's azimuth. Where none is, the radiance of the directions behind the
-/// camera, where somebody would stand.
+/// M is the transmittance of the occluder in the model and E its radiance, which depends on the side of the surroundings that it
+/// faces: one number and two for the camera's azimuth. Where nobody is in the model nobody sends light: light from behind the
+/// camera would be a lamp.
 pub struct OccluderBounce;
 
 impl Effect for OccluderBounce {
@@ -34,21 +30,7 @@ impl Effect for OccluderBounce {
             let sum: f32 = (0..texels).map(|t| scene.radiance[3 * t + c]).sum();
             sum / texels.max(1) as f32
         });
-        // What is not there sends no light: fields of the other case are zero, so that their number never changes.
-        let known = sent_by_occluder(scene, mean);
-        let fields = match known {
-            None => blocked_light(scene, |_, c| mean[c]),
-            Some(_) => vec![vec![0.0; scene.size()]; CameraGrid::CELLS],
-        };
-        let cells = fields
-            .into_iter()
-            .enumerate()
-            .filter(|(cell, _)| CameraGrid::behind_camera(*cell))
-            .map(|(cell, field)| {
-                let name = format!("radiance (of the mean) at {}", CameraGrid::name(cell));
-                Term::new(name, 0.3, field).positive()
-            });
-        let sent = known.unwrap_or_else(|| vec![0.0; scene.size()]);
+        let sent = sent_by_occluder(scene, mean).unwrap_or_else(|| vec![0.0; scene.size()]);
         let azimuths = azimuths(scene.seen);
         let turned = |axis: usize| {
             scene.on_views(|v| {
@@ -63,7 +45,7 @@ impl Effect for OccluderBounce {
                 let name = format!("its change with the {what} of the camera's azimuth");
                 Term::new(name, 0.15, turned(axis))
             });
-        let mut terms: Vec<Term> = cells.chain(sides).collect();
+        let mut terms: Vec<Term> = sides.collect();
         let name = "radiance (of the mean) of the occluder";
         terms.push(Term::new(name, 0.3, sent).positive());
         terms

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use glam::{IVec3, Vec3};
 use render::mesh::Mesh;
 
-use super::Structure;
+use super::{Kind, Structure};
 use crate::capture::Capture;
 
 /// Share of the faces that is left at most.
@@ -17,6 +17,10 @@ pub(super) struct CoarseMesh;
 impl Structure for CoarseMesh {
     fn id(&self) -> &'static str {
         "coarse_mesh"
+    }
+
+    fn kind(&self) -> Kind {
+        Kind::Structured
     }
 
     fn derive(&self, capture: &mut Capture) {

@@ -3,7 +3,7 @@
 use glam::{IVec3, Vec3};
 use render::{bvh::Bvh, sampler::SampleKey, transport::footprint};
 
-use super::Structure;
+use super::{Kind, Structure};
 use crate::capture::Capture;
 
 /// Largest departure from one of what the texture multiplies the reflected light by.
@@ -21,6 +21,10 @@ pub(super) struct FineTexture;
 impl Structure for FineTexture {
     fn id(&self) -> &'static str {
         "fine_texture"
+    }
+
+    fn kind(&self) -> Kind {
+        Kind::Structured
     }
 
     fn derive(&self, capture: &mut Capture) {

@@ -2,7 +2,7 @@
 
 use render::sampler::SampleKey;
 
-use super::Structure;
+use super::{Kind, Structure};
 use crate::{capture::Capture, reconstruct::noise};
 
 /// How much larger the noise's standard deviation becomes.
@@ -16,6 +16,10 @@ pub(super) struct MoreNoise;
 impl Structure for MoreNoise {
     fn id(&self) -> &'static str {
         "more_noise"
+    }
+
+    fn kind(&self) -> Kind {
+        Kind::Plain
     }
 
     fn derive(&self, capture: &mut Capture) {
