@@ -101,7 +101,8 @@ impl Checkpoint {
 
     /// Checks that continuing makes sense: the same capture, and settings that differ in nothing that shapes the result.
     ///
-    /// Time limit, iteration count, threads and memory may change.
+    /// Time limit, iteration count and threads may change. So may memory: how the work is divided is kept from the beginning, and
+    /// whether that still fits is looked at where it is known ([`CheckpointError::Memory`]).
     ///
     /// # Errors
     /// [`CheckpointError::OtherCapture`] or [`CheckpointError::OtherSettings`], naming what differs.
@@ -206,6 +207,18 @@ pub enum CheckpointError {
         /// What is there.
         found: String,
     },
+    /// The run takes more memory than it now may.
+    #[error(
+        "the run takes about {needed} MiB of memory, as it was begun, and --memory allows {allowed} MiB: give at least \
+         --memory {needed}MiB, or start again without --resume, for a coarser run", needed = mebibytes(*needed),
+        allowed = allowed >> 20
+    )]
+    Memory {
+        /// What it takes, in bytes.
+        needed: u64,
+        /// What it may take, in bytes.
+        allowed: u64,
+    },
     /// The checkpoint belongs to other photographs.
     #[error(
         "the checkpoint was written for another capture: start without --resume or choose another --out"
@@ -223,4 +236,9 @@ pub enum CheckpointError {
         /// Its present value.
         now: String,
     },
+}
+
+/// Bytes in the unit of messages, rounded up: as much suffices.
+fn mebibytes(bytes: u64) -> u64 {
+    bytes.div_ceil(1 << 20)
 }

@@ -8,7 +8,7 @@ pub mod occluders;
 mod read;
 pub mod stanford_orb;
 
-pub use read::{estimate, truth};
+pub use read::{estimate, parse_metrics, parse_specular, truth};
 
 use std::path::{Path, PathBuf};
 
@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     capture::CaptureError,
-    image_io::ImageIoError,
+    image_io::{EnvironmentIoError, ImageIoError},
     reconstruction::{Metrics, Photometric},
 };
 
@@ -124,6 +124,9 @@ pub enum EvaluateError {
     /// An image could not be read.
     #[error(transparent)]
     Image(#[from] ImageIoError),
+    /// A map of light could not be read, or is none.
+    #[error(transparent)]
+    Environment(#[from] EnvironmentIoError),
     /// What describes the truth's capture could not be read.
     #[error(transparent)]
     Capture(#[from] CaptureError),

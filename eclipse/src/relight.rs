@@ -5,8 +5,10 @@
 //! captures are synthesised with, this meets lamps of any size, and the price does not grow with the map.
 
 mod cameras;
+mod light;
 mod object;
 mod picture;
+mod views;
 mod write;
 
 use std::path::{Path, PathBuf};
@@ -15,12 +17,17 @@ use glam::Vec3;
 use render::{bvh::Bvh, camera::Camera, environment::EnvironmentMap, mesh::MeshError};
 
 use crate::{
-    capture::CaptureError, files::lock::LockError, image_io::ImageIoError, mesh_io::MeshIoError,
+    capture::CaptureError,
+    files::lock::LockError,
+    image_io::{EnvironmentIoError, ImageIoError},
+    mesh_io::MeshIoError,
 };
 
 pub use cameras::{Orbit, evenly};
+pub use light::{Axes, Lights};
 pub use object::Object;
 pub use picture::{ANTIALIASING, Quality, picture};
+pub use views::{View, frame_names, number};
 pub use write::{Folder, Record};
 
 /// Everything a picture needs: the object, and the light around it.
@@ -28,6 +35,8 @@ pub struct Stage {
     object: Object,
     bvh: Bvh,
     environment: EnvironmentMap,
+    /// Stops by which light is brighter than its map.
+    exposure: f32,
 }
 
 impl Stage {
@@ -41,22 +50,36 @@ impl Stage {
         exposure: f32,
     ) -> Result<Self, RelightError> {
         let bvh = Bvh::new(&object.mesh)?;
-        let mut image = environment.image().clone();
-        let factor = exposure.exp2();
-        image.data.iter_mut().for_each(|value| *value *= factor);
-        // Finite light that overflows when it is exposed is refused as any other.
-        let environment = EnvironmentMap::new(image).map_err(RelightError::Exposure)?;
         Ok(Self {
             object,
             bvh,
-            environment,
+            environment: exposed(&environment, exposure)?,
+            exposure,
         })
+    }
+
+    /// Sets the object into other light, as many stops brighter.
+    ///
+    /// # Errors
+    /// [`RelightError::Exposure`]; the light is what it was then.
+    pub fn set_light(&mut self, environment: &EnvironmentMap) -> Result<(), RelightError> {
+        self.environment = exposed(environment, self.exposure)?;
+        Ok(())
     }
 
     /// The object.
     pub fn object(&self) -> &Object {
         &self.object
     }
+}
+
+/// `environment`, `exposure` stops brighter.
+fn exposed(environment: &EnvironmentMap, exposure: f32) -> Result<EnvironmentMap, RelightError> {
+    let mut image = environment.image().clone();
+    let factor = exposure.exp2();
+    image.data.iter_mut().for_each(|value| *value *= factor);
+    // Finite light that overflows when it is exposed is refused as any other.
+    EnvironmentMap::new(image).map_err(RelightError::Exposure)
 }
 
 /// Cameras of the object's own frame, as its capture has them, moved to the frame whose origin is its centre.
@@ -86,24 +109,28 @@ pub fn pose_rows(camera: &Camera, centre: Vec3) -> [[f32; 4]; 4] {
     pose.transpose().to_cols_array_2d()
 }
 
-/// Renders every camera, of the frame whose origin is the object's centre, and writes it to `folder` when it is done.
+/// Renders every view and writes it to `folder` when it is done; under the stage's light, or its own of `lights`.
 ///
 /// `progress` hears of the share of the work done, and says whether to go on. Results do not depend on the number of threads.
 ///
 /// # Errors
-/// A folder that cannot be written, or [`RelightError::Stopped`]; pictures finished before are kept.
+/// A light that cannot be read, a folder that cannot be written, or [`RelightError::Stopped`]; pictures finished before are kept.
 pub fn relight(
-    stage: &Stage,
-    cameras: &[Camera],
+    stage: &mut Stage,
+    views: &[View],
+    lights: Option<&Lights>,
     quality: &Quality,
     folder: &Folder,
     progress: &(dyn Fn(usize, f32) -> bool + Sync),
 ) -> Result<(), RelightError> {
-    for (index, camera) in cameras.iter().enumerate() {
-        let picture = picture(stage, camera, index as u32, quality, &|share| {
+    for (index, view) in views.iter().enumerate() {
+        if let Some(lights) = lights {
+            stage.set_light(&lights.read(index, &view.camera)?)?;
+        }
+        let picture = picture(stage, &view.camera, index as u32, quality, &|share| {
             progress(index, share)
         });
-        folder.picture(index, &picture.ok_or(RelightError::Stopped)?)?;
+        folder.picture(&view.name, &picture.ok_or(RelightError::Stopped)?)?;
     }
     Ok(())
 }
@@ -143,6 +170,36 @@ pub enum RelightError {
     /// The cameras cannot be read.
     #[error(transparent)]
     Cameras(#[from] CaptureError),
+    /// A frame that cannot give its picture a name.
+    #[error(
+        "{}: frame {frame}: `{field}` {name:?} {problem}; expected names of pictures within one folder, each another, such as \
+         test/0003: correct it, or leave the pictures numbered", path.display()
+    )]
+    Name {
+        /// The cameras file.
+        path: PathBuf,
+        /// Which frame, from 0.
+        frame: usize,
+        /// The field.
+        field: &'static str,
+        /// What it says.
+        name: String,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// A view without a map of its light.
+    #[error(
+        "view {view:?} has no map: none of {places} is there, with .exr, .hdr, .png or .jpg added; put it there, or name another folder"
+    )]
+    NoLight {
+        /// The view.
+        view: String,
+        /// Where it was looked for.
+        places: String,
+    },
+    /// A map cannot be read.
+    #[error(transparent)]
+    Light(#[from] EnvironmentIoError),
     /// A camera within the object.
     #[error(
         "camera {camera} is {distance:.4} from the object's centre, within its bounding sphere of radius {radius:.4}; \

@@ -2,6 +2,7 @@
 
 mod chart;
 pub(crate) mod pictures;
+pub mod radiance;
 mod sections;
 pub(crate) mod text;
 mod viewer;

@@ -4,6 +4,11 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
+/// Degree of the harmonics of a mask where no algorithm asks for another.
+const DEGREE: usize = 16;
+/// What 50 rows of a mask can express (Driscoll & Healy, 1994), as the paper has it.
+const PAPER_DEGREE: usize = 24;
+
 /// The options of one run, without defaults left to guess; written as `settings.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -43,16 +48,10 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Whether this frame is kept out of the fit of environment and materials: the last of every K.
-    pub fn holds_out(&self, frame: usize) -> bool {
-        self.hold_out.is_some_and(|k| frame % k == k - 1)
-    }
-}
-
-impl Default for Settings {
-    fn default() -> Self {
+    /// The options of a run of this algorithm where nothing else is asked for: 120 s, all threads.
+    pub fn of(preset: Preset) -> Self {
         Self {
-            preset: Preset::Fast,
+            preset,
             time_limit: Some(120.0),
             iterations: None,
             seed: 0,
@@ -63,11 +62,25 @@ impl Default for Settings {
             lambertian: false,
             hold_out: None,
             grid_rows: 50,
-            harmonic_degree: 16,
+            harmonic_degree: match preset {
+                Preset::Fast => DEGREE,
+                Preset::Paper => PAPER_DEGREE,
+            },
             mesh: None,
             from: None,
             with: Vec::new(),
         }
+    }
+
+    /// Whether this frame is kept out of the fit of environment and materials: the last of every K.
+    pub fn holds_out(&self, frame: usize) -> bool {
+        self.hold_out.is_some_and(|k| frame % k == k - 1)
+    }
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self::of(Preset::default())
     }
 }
 
@@ -110,5 +123,23 @@ impl OccluderPrior {
             Self::Operator => "operator",
             Self::None => "none",
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn presets_differ_in_the_degree_of_masks_alone() {
+        let (fast, paper) = (Settings::default(), Settings::of(Preset::Paper));
+        assert_eq!((fast.preset, fast.harmonic_degree), (Preset::Fast, 16));
+        assert_eq!(paper.harmonic_degree, 24);
+        let alike = Settings {
+            preset: Preset::Paper,
+            harmonic_degree: 24,
+            ..fast
+        };
+        assert_eq!(paper, alike);
     }
 }

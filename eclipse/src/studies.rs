@@ -42,6 +42,8 @@ pub use evidence::{Evidence, Verdict};
 /// How much a study computes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Scale {
+    /// Whether everything runs, in seconds: one seed, tiny captures, a step or two. No claim is judged by it.
+    Glance,
     /// What settles the claim in minutes on two cores.
     #[default]
     Quick,
@@ -49,15 +51,42 @@ pub enum Scale {
     Full,
 }
 
+/// Runs a study; its sentence then also says what it had to do without: captures that could not be used, and whatever the
+/// caller's stop kept it from.
+///
+/// # Errors
+/// As [`Study::run`].
+pub fn run(study: &dyn Study, bench: &Bench<'_>) -> Result<Evidence, StudyError> {
+    bench.take_lacks();
+    let mut evidence = study.run(bench)?;
+    let lacks = bench.take_lacks();
+    if !lacks.unusable.is_empty() {
+        evidence.sentence += &format!(" Left out: {}.", lacks.unusable.join("; "));
+    }
+    if lacks.cut {
+        evidence.sentence += " Interrupted: what had not been computed by then is missing.";
+        // What is missing might have failed.
+        if evidence.verdict == Verdict::Held {
+            evidence.verdict = Verdict::HeldInPart;
+        }
+    }
+    if bench.scale == Scale::Glance && evidence.verdict != Verdict::NotTested {
+        evidence.sentence += " Computed at a glance, which settles nothing.";
+        evidence.verdict = Verdict::NotTested;
+    }
+    Ok(evidence)
+}
+
 /// One experiment.
 pub trait Study: Sync {
     /// How it is called on the command line.
     fn name(&self) -> &'static str;
 
-    /// Computes everything; the same for the same scale on any day, but for reconstructions, which a time limit ends.
+    /// Computes everything; the same for the same scale on any day, but for reconstructions, which a time limit ends. After the
+    /// caller's stop it is what was found until then. Call it by [`run`], which says so.
     ///
     /// # Errors
-    /// A computation that does not converge, a capture that is missing or cannot be read, or the caller's stop.
+    /// A computation that does not converge, no capture that can be read, or the caller's stop before anything was found.
     fn run(&self, bench: &Bench<'_>) -> Result<Evidence, StudyError>;
 }
 
@@ -84,6 +113,22 @@ pub fn all() -> &'static [&'static dyn Study] {
 /// The study of this name.
 pub fn by_name(name: &str) -> Option<&'static dyn Study> {
     all().iter().copied().find(|study| study.name() == name)
+}
+
+impl StudyError {
+    /// Whether the captures are to blame and not the work.
+    pub fn is_of_the_input(&self) -> bool {
+        match self {
+            Self::Captures { .. }
+            | Self::Nothing(_)
+            | Self::NoLight(_)
+            | Self::Capture(_)
+            | Self::Mesh(_)
+            | Self::Evaluate(_) => true,
+            Self::Reconstruct(error) => error.is_of_the_input(),
+            _ => false,
+        }
+    }
 }
 
 /// Why a study has no result.
@@ -139,7 +184,7 @@ pub enum StudyError {
     #[error("cannot start threads: {0}")]
     Threads(#[from] ThreadPoolBuildError),
     /// The caller asked for the end.
-    #[error("interrupted; studies that had ended are written")]
+    #[error("interrupted; what had been found is written")]
     Stopped,
     /// A plot.
     #[error("cannot draw {name}: {reason}")]

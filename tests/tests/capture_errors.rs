@@ -268,6 +268,35 @@ fn images_that_are_missing_or_damaged() {
 }
 
 #[test]
+fn images_that_are_too_large_together() {
+    // Each alone could be read: 10 000² pixels of four channels. The headers say it, before any of them is decoded.
+    let grow = |path: &PathBuf| {
+        for index in 0..6 {
+            let path = path.join(format!("{index:03}.exr"));
+            let mut bytes = fs::read(&path).unwrap();
+            for window in [&b"dataWindow\0box2i\0"[..], b"displayWindow\0box2i\0"] {
+                let at = bytes.windows(window.len()).position(|w| w == window);
+                // After the name the length of four, then the corners, the lower one first.
+                let upper = at.unwrap() + window.len() + 4 + 8;
+                for corner in [upper, upper + 4] {
+                    bytes[corner..corner + 4].copy_from_slice(&9_999_u32.to_le_bytes());
+                }
+            }
+            fs::write(&path, bytes).unwrap();
+        }
+    };
+    files_say(
+        grow,
+        &[
+            "transforms.json: its photographs and masks have 2400000000 values together",
+            "8.9 GiB",
+            "at most 2147483648 are read",
+            "scale the images down",
+        ],
+    );
+}
+
+#[test]
 fn of_several_errors_the_first_frame_is_named() {
     files_say(
         |path| {
@@ -364,6 +393,7 @@ fn paths_that_lead_out_of_the_folder() {
         "`file_path` names",
         "outside the capture's folder",
         "move it inside",
+        "give --allow-outside when you trust the capture",
     ];
     outside("../000.exr").says(&parts);
     let mut absolute = outside("");

@@ -3,9 +3,9 @@
 use std::{collections::BTreeMap, path::Path};
 
 use eclipse::image_io::{
-    ColorEncoding, ExrOptions, Precision, decode_exr, decode_image, encode_exr, encode_png8,
-    linear_to_srgb, read_exr, read_exr_file, read_image, srgb_to_linear, write_exr, write_exr_with,
-    write_png8,
+    ColorEncoding, ExrOptions, MAX_SAMPLES, Precision, decode_exr, decode_image, encode_exr,
+    encode_png8, linear_to_srgb, read_exr, read_exr_file, read_image, read_size, srgb_to_linear,
+    write_exr, write_exr_with, write_png8,
 };
 use proptest::prelude::*;
 use render::image::Image;
@@ -170,6 +170,78 @@ fn absurd_sizes_are_refused_before_allocation() {
         .unwrap_err()
         .to_string();
     assert!(message.contains("a.png"), "{message}");
+}
+
+/// An OpenEXR file of one pixel in a display window of `side` × `side`.
+fn one_pixel_in(side: u32) -> Vec<u8> {
+    let options = ExrOptions::default();
+    let mut bytes = encode_exr(&ramp(1, 1, 1), &["Y"], &options, Path::new("a.exr")).unwrap();
+    let window = b"displayWindow\0box2i\0";
+    let at = bytes.windows(window.len()).position(|w| w == window);
+    // After the name the length of four, then the corners, the lower one first.
+    let upper = at.unwrap() + window.len() + 4 + 8;
+    for corner in [upper, upper + 4] {
+        bytes[corner..corner + 4].copy_from_slice(&(side - 1).to_le_bytes());
+    }
+    bytes
+}
+
+#[test]
+fn a_display_window_is_not_gigabytes_around_a_pixel() {
+    let path = Path::new("a.exr");
+    // A margin is read, as one finds it around what was rendered in part.
+    let image = decode_image(&one_pixel_in(64), path, None).unwrap();
+    assert_eq!((image.width, image.height), (64, 64));
+    let message = decode_image(&one_pixel_in(20_000), path, None)
+        .unwrap_err()
+        .to_string();
+    for part in [
+        "a.exr has a display window of 20000 × 20000 pixels",
+        "400000000 values of which 1 are stored",
+        "crop the display window",
+    ] {
+        assert!(message.contains(part), "{message}");
+    }
+    // The size that is told beforehand is that of the window, and refused alike.
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.exr");
+    std::fs::write(&path, one_pixel_in(64)).unwrap();
+    assert_eq!(read_size(&path).unwrap().samples, 64 * 64);
+    std::fs::write(&path, one_pixel_in(20_000)).unwrap();
+    assert_eq!(
+        read_size(&path).unwrap_err().to_string(),
+        decode_image(&one_pixel_in(20_000), &path, None)
+            .unwrap_err()
+            .to_string()
+    );
+}
+
+#[test]
+fn the_largest_image_is_an_environment_of_16384_columns() {
+    assert_eq!(MAX_SAMPLES, 16_384 * 8_192 * 3);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.exr");
+    // The header alone says it: no pixel is decoded.
+    let declaring = |width: u32, height: u32| {
+        let mut bytes = encode_exr(
+            &ramp(2, 2, 3),
+            &["R", "G", "B"],
+            &ExrOptions::default(),
+            &path,
+        )
+        .unwrap();
+        for window in [&b"dataWindow\0box2i\0"[..], b"displayWindow\0box2i\0"] {
+            let at = bytes.windows(window.len()).position(|w| w == window);
+            let upper = at.unwrap() + window.len() + 4 + 8;
+            bytes[upper..upper + 4].copy_from_slice(&(width - 1).to_le_bytes());
+            bytes[upper + 4..upper + 8].copy_from_slice(&(height - 1).to_le_bytes());
+        }
+        std::fs::write(&path, bytes).unwrap();
+        read_size(&path)
+    };
+    assert_eq!(declaring(16_384, 8_192).unwrap().samples, MAX_SAMPLES);
+    let message = declaring(16_384, 8_193).unwrap_err().to_string();
+    assert!(message.contains("scale the image down"), "{message}");
 }
 
 proptest! {

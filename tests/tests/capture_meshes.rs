@@ -4,8 +4,8 @@ use std::{fs, path::Path};
 
 use base64::{Engine, prelude::BASE64_STANDARD};
 use eclipse::mesh_io::{
-    GlbSurface, GlbTextures, MeshParseError, encode_glb, parse_glb, parse_gltf, parse_obj,
-    parse_ply, read_mesh,
+    GlbSurface, GlbTextures, MAX_FACES, MAX_FILE, MeshParseError, encode_glb, parse_glb,
+    parse_gltf, parse_obj, parse_ply, read_mesh,
 };
 use eclipse_tests::small_capture::boxes;
 use glam::{Mat4, Vec2, Vec3};
@@ -207,7 +207,7 @@ fn normals_are_transformed_by_the_inverse_transpose() {
     json["nodes"][0]["matrix"] = json!(matrix.to_cols_array());
     json["buffers"][0]["uri"] = json!("blob");
     let blob = bytes[28 + length..].to_vec();
-    let mesh = parse_gltf(json.to_string().as_bytes(), &mut |_| Ok(blob.clone())).unwrap();
+    let mesh = parse_gltf(json.to_string().as_bytes(), &mut |_, _| Ok(blob.clone())).unwrap();
     for (face, corners) in mesh.faces.iter().enumerate() {
         for &index in corners {
             let normal = mesh.normals[index as usize];
@@ -355,6 +355,68 @@ fn counts_beyond_the_file_are_refused_at_once() {
         message.contains("accessor 0 reaches beyond its buffer"),
         "{message}"
     );
+}
+
+#[test]
+fn a_small_gltf_cannot_ask_for_any_amount_of_memory() {
+    let message = |json: &Value, load: &mut dyn FnMut(&str, u64) -> Result<Vec<u8>, String>| {
+        let error = parse_gltf(json.to_string().as_bytes(), load).unwrap_err();
+        error.to_string()
+    };
+
+    // One file, named again and again: what is left for it shrinks until there is no more.
+    let (mut json, data) = gltf("data.bin", json!({ "mesh": 0 }));
+    let buffer = json["buffers"][0].clone();
+    json["buffers"] = json!([buffer, buffer, buffer]);
+    let mut asked = Vec::new();
+    let mut load = |uri: &str, most: u64| {
+        asked.push((uri.to_owned(), most));
+        Ok(data.clone())
+    };
+    parse_gltf(json.to_string().as_bytes(), &mut load).unwrap();
+    let most = |read: u64| ("data.bin".to_owned(), MAX_FILE - read);
+    assert_eq!(asked, [most(0), most(72), most(144)]);
+    let longer = json!({ "byteLength": MAX_FILE + 1, "uri": "data.bin" });
+    json["buffers"] = json!([longer]);
+    let found = message(&json, &mut |_, _| panic!("it must not be read"));
+    let expected = "has more than 2147483648 bytes of buffers, the most that is read";
+    assert!(found.contains(expected), "{found}");
+
+    // A binary chunk is one buffer's, however many say that it is theirs.
+    let mut bytes = encode_glb(&boxes(), &GlbSurface::default()).unwrap();
+    let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let mut json: Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
+    let first = json["buffers"][0].clone();
+    json["buffers"] = json!([first, first]);
+    let mut text = json.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    bytes.splice(20..20 + length, text.iter().copied());
+    bytes[12..16].copy_from_slice(&(text.len() as u32).to_le_bytes());
+    let total = bytes.len() as u32;
+    bytes[8..12].copy_from_slice(&total.to_le_bytes());
+    let found = parse_glb(&bytes).unwrap_err().to_string();
+    assert!(found.contains("its buffer 1 has no `uri`"), "{found}");
+}
+
+#[test]
+fn more_faces_than_are_read_are_refused_before_they_are_stored() {
+    let (mut json, data) = gltf("data.bin", json!({ "mesh": 0 }));
+    // A strip of bytes: each index after the second is a face. Memory that nobody writes to is none.
+    let strip = MAX_FACES + 3;
+    json["buffers"][0]["byteLength"] = json!(48 + strip);
+    json["bufferViews"][1]["byteLength"] = json!(strip);
+    json["accessors"][1]["componentType"] = json!(5121);
+    json["accessors"][1]["count"] = json!(strip);
+    json["meshes"][0]["primitives"][0]["mode"] = json!(5);
+    let mut buffer = vec![0; 48 + strip];
+    buffer[..48].copy_from_slice(&data[..48]);
+    let error = parse_gltf(json.to_string().as_bytes(), &mut |_, _| {
+        Ok(std::mem::take(&mut buffer))
+    })
+    .unwrap_err()
+    .to_string();
+    let expected = "has more than 67108864 faces, the most that is read; export only the object";
+    assert!(error.contains(expected), "{error}");
 }
 
 #[test]

@@ -57,8 +57,15 @@ fn a_short_run_leaves_everything_and_threads_do_not_matter() {
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert!(json["metrics"]["photometric"]["psnr"].is_number(), "{json}");
+    // What can be told at best: more with somebody in the light.
+    let limit = |name: &str| json["metrics"]["limit"][name].as_f64().unwrap();
+    assert!(limit("with_somebody") < limit("with_nobody") && limit("with_nobody") < 1.0);
+    let page = fs::read_to_string(one.join("report.html")).unwrap();
+    let told = format!("but for {:.0} % with nobody", 100.0 * limit("with_nobody"));
+    assert!(page.contains(&told), "{told}");
     for name in [
         "environment.exr",
+        "environment.hdr",
         "mesh.glb",
         "metrics.json",
         "settings.json",
@@ -68,9 +75,44 @@ fn a_short_run_leaves_everything_and_threads_do_not_matter() {
         assert!(one.join(name).is_file(), "{name}");
     }
 
+    // The light that the report's viewer takes is the light, as exactly as eight bits have it.
+    let [exact, shown] = ["environment.exr", "environment.hdr"]
+        .map(|name| eclipse::image_io::read_image(&one.join(name), None).unwrap());
+    assert_eq!([exact.width, exact.height], [shown.width, shown.height]);
+    for (exact, shown) in exact.data.chunks_exact(3).zip(shown.data.chunks_exact(3)) {
+        let brightest = exact.iter().copied().fold(0.0, f32::max);
+        let close = |(a, b): (&f32, &f32)| (a - b).abs() <= brightest / 120.0;
+        assert!(exact.iter().zip(shown).all(close), "{exact:?} {shown:?}");
+    }
+
     let output = run(&[&short[..], &["--threads", "2", "--out", text(&two)]].concat());
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     assert_same_results(&one, &two);
+    let bytes = |folder: &Path| fs::read(folder.join("environment.hdr")).unwrap();
+    assert!(bytes(&one) == bytes(&two));
+}
+
+#[test]
+fn what_lies_outside_is_read_only_when_it_is_allowed() {
+    let folder = tempfile::tempdir().unwrap();
+    let bundled = perfect::bundled();
+    let (own, out) = (folder.path().join("own"), folder.path().join("out"));
+    fs::create_dir(&own).unwrap();
+    fs::copy(bundled.join("mesh.glb"), own.join("mesh.glb")).unwrap();
+    let transforms = fs::read_to_string(bundled.join("transforms.json")).unwrap();
+    let mut transforms: serde_json::Value = serde_json::from_str(&transforms).unwrap();
+    for frame in transforms["frames"].as_array_mut().unwrap() {
+        let name = frame["file_path"].as_str().unwrap();
+        frame["file_path"] = text(&bundled.join(name)).into();
+    }
+    fs::write(own.join("transforms.json"), transforms.to_string()).unwrap();
+    let arguments = [text(&own), "--lambertian", "--iterations", "1"];
+    let arguments = [&arguments[..], &["--json", "--out", text(&out)]].concat();
+    let output = run(&arguments);
+    assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
+    assert!(stderr(&output).contains("--allow-outside"));
+    let output = run(&[&arguments[..], &["--allow-outside"]].concat());
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
 }
 
 #[test]

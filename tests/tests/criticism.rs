@@ -182,6 +182,50 @@ fn nulls_change_no_bit() {
     }
 }
 
+/// The derivative by one sum for all numbers of an effect is that by each of them.
+#[test]
+fn columns_are_slopes() {
+    let capture = capture(1.0);
+    let study = study(&capture, LOBE);
+    let fit = truth(&study);
+    for effect in effects::all() {
+        let terms = terms(&study, &fit, effect);
+        let some: Vec<usize> = [0, 1, terms.len() / 2]
+            .into_iter()
+            .filter(|k| *k < terms.len())
+            .collect();
+        let beta = |k: usize| 0.1 * terms[k].scale * pattern(k).abs();
+        let base: Vec<f64> = (0..terms.len()).map(beta).collect();
+        let scales: Vec<f64> = terms.iter().map(|t| t.scale).collect();
+        let mut chain = Chain::new(&[Link { effect, terms }], study.seen.len()).unwrap();
+        for k in some {
+            let mut at = |step: f64| {
+                let mut betas = base.clone();
+                betas[k] += step * scales[k];
+                chain.bind(&fit.ideal, &[betas]).unwrap();
+                chain.values().unwrap()
+            };
+            let (more, less) = (at(0.02), at(-0.02));
+            let mut at_base = || {
+                chain.bind(&fit.ideal, &[base.clone()]).unwrap();
+                chain.column(0, k).unwrap()
+            };
+            let column = at_base();
+            let (mut wrong, mut size) = (0.0f64, 0.0f64);
+            for ((m, l), c) in more.iter().zip(&less).zip(&column) {
+                let slope = f64::from(m - l) / (0.04 * scales[k]);
+                wrong += (slope - f64::from(*c)).powi(2);
+                size += slope.powi(2);
+            }
+            assert!(
+                wrong.sqrt() <= 0.02 * size.sqrt() + 1e-6,
+                "{} {k}: {wrong} of {size}",
+                effect.id()
+            );
+        }
+    }
+}
+
 /// What an effect of the camera does to whole photographs is what it does on the tape, and can be taken back.
 #[test]
 fn the_camera_is_undone_as_it_is_recorded() {

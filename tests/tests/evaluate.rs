@@ -1,18 +1,23 @@
 //! Outputs written, then scored against a truth, as a user would.
 
-use std::{fs, path::Path};
+use std::{collections::BTreeMap, fs, path::Path};
 
 use eclipse::{
     checkpoint,
     evaluate::{self, Evaluation, evaluate},
-    image_io::{read_exr_file, write_exr},
+    image_io::{ExrOptions, read_exr, read_exr_file, write_exr, write_exr_with},
     layout, output,
     reconstruction::{Metrics, Network, Reconstruction},
     report::ReportOptions,
     settings::Settings,
 };
 use eclipse_tests::perfect;
-use render::image::Image;
+use glam::Mat3;
+use render::{
+    convention::{Convention, convert},
+    image::Image,
+    lat_long::LatLong,
+};
 use tempfile::TempDir;
 
 fn written(change: impl FnOnce(&mut Reconstruction)) -> TempDir {
@@ -253,6 +258,44 @@ fn a_truth_is_read_alike_whatever_channels_it_is_stored_with() {
         assert_eq!(masks[0].data, expected, "{channels:?}");
         assert_eq!(albedo.object, [true; 8], "{channels:?}");
     }
+}
+
+#[test]
+fn maps_of_light_are_read_in_the_convention_that_they_name() {
+    let folder = written(|_| ());
+    let path = folder.path().join(layout::ENVIRONMENT);
+    let own = read_exr(&path).unwrap();
+    let grid = LatLong::new(own.height, own.width);
+    let (ours, theirs) = (Convention::Blender, Convention::OpenExr);
+    let turned = convert(&own, ours, theirs, grid, Mat3::IDENTITY);
+    let named = |name: &str| ExrOptions {
+        metadata: BTreeMap::from([(layout::CONVENTION.to_owned(), name.to_owned())]),
+        ..ExrOptions::default()
+    };
+    let rgb = ["R", "G", "B"];
+    write_exr_with(&path, &turned, &rgb, &named(theirs.name())).unwrap();
+    let read = score(folder.path()).environment.texels;
+    assert!(read.relative_rmse_aligned.unwrap() < 1e-3, "{read:?}");
+    // The same pixels without their name are another light.
+    write_exr(&path, &turned, &rgb).unwrap();
+    let read = score(folder.path()).environment.texels;
+    assert!(read.relative_rmse_aligned.unwrap() > 0.1, "{read:?}");
+
+    // A truth as well.
+    let truth = tempfile::tempdir().unwrap();
+    let path = truth.path().join("environment.exr");
+    write_exr_with(&path, &turned, &rgb, &named(theirs.name())).unwrap();
+    let read = evaluate::truth(truth.path()).unwrap().environment.unwrap();
+    let most = own.data.iter().copied().fold(0.0, f32::max);
+    for (read, own) in read.data.iter().zip(&own.data) {
+        assert!((read - own).abs() < 1e-3 * most, "{read} {own}");
+    }
+    write_exr_with(&path, &turned, &rgb, &named("fisheye")).unwrap();
+    let error = evaluate::truth(truth.path()).unwrap_err().to_string();
+    assert!(
+        error.contains("environment.exr") && error.contains("fisheye"),
+        "{error}"
+    );
 }
 
 #[test]

@@ -11,8 +11,10 @@ use eclipse::{
         parse_transforms,
     },
     checkpoint::decode,
+    evaluate::{parse_metrics, parse_specular},
     image_io::decode_image,
-    mesh_io::{parse_glb, parse_obj, parse_ply, parse_surfaced_glb},
+    mesh_io::{parse_gltf, parse_obj, parse_ply, parse_surfaced_glb},
+    settings::Settings,
 };
 
 /// The seeds of a target, at least one.
@@ -45,16 +47,28 @@ fn every_target_has_seeds() {
         seeds(path.file_stem().unwrap().to_str().unwrap());
         targets += 1;
     }
-    assert!(targets >= 9);
+    assert!(targets >= 12);
 }
 
 #[test]
 fn meshes_and_images_are_good() {
-    all_good("mesh_glb", |_, bytes| parse_glb(bytes));
+    // As the target has it: a buffer in another file is the file itself.
+    all_good("mesh_glb", |_, bytes| {
+        parse_gltf(bytes, &mut |_, _| Ok(bytes.to_vec()))
+    });
     all_good("mesh_obj", |_, bytes| parse_obj(bytes));
     all_good("mesh_ply", |_, bytes| parse_ply(bytes));
     all_good("surface", |_, bytes| parse_surfaced_glb(bytes));
     all_good("image", |path, bytes| decode_image(bytes, path, None));
+}
+
+#[test]
+fn what_a_run_says_of_itself_is_good() {
+    all_good("settings", |_, bytes| {
+        serde_json::from_slice::<Settings>(bytes)
+    });
+    all_good("metrics", |path, bytes| parse_metrics(bytes, path));
+    all_good("truth", |path, bytes| parse_specular(bytes, path));
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use std::{fs, path::Path, process::Output};
 
 use eclipse::{
-    capture::{formats::colmap::Encoding, write},
+    capture::{LoadOptions, formats::colmap::Encoding, write},
     inspect::{Inspection, inspect},
     settings::Settings,
 };
@@ -20,7 +20,9 @@ fn eclipse(arguments: &[&str]) -> Output {
 }
 
 fn inspected(path: &Path) -> Inspection {
-    inspect(path, None, &Settings::default()).unwrap().0
+    inspect(path, LoadOptions::default(), &Settings::default())
+        .unwrap()
+        .0
 }
 
 #[test]

@@ -198,7 +198,8 @@ fn every_command_that_writes_waits_for_nobody_and_says_who_has_the_folder() {
     fs::write(&mesh, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     let out = folder.path().join("out");
     let map = whole.join("environment.exr");
-    let commands: [&[&str]; 6] = [
+    let commands: [&[&str]; 7] = [
+        &["inspect", text(capture())],
         &["diagnose", text(capture())],
         &["relight", text(whole), "--environment", text(&map)],
         &["export", text(whole), "--for", "blender"],
@@ -261,8 +262,9 @@ fn a_folder_that_cannot_be_written_is_named_by_every_command_that_writes() {
     let nowhere = "/sys/kernel/eclipse-out";
     let whole = undisturbed().0.path();
     let environment = whole.join("environment.exr");
-    let commands: [&[&str]; 3] = [
+    let commands: [&[&str]; 4] = [
         &["reconstruct", text(capture()), "--out", nowhere],
+        &["inspect", text(capture()), "--out", nowhere],
         &[
             "relight",
             text(whole),

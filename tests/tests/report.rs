@@ -34,6 +34,38 @@ fn the_summary_comes_first_and_says_what_was_done_how_well() {
 }
 
 #[test]
+fn what_photographs_can_tell_at_best_stands_beside_how_sure_the_result_is() {
+    let capture = perfect::capture();
+    let mut solved = perfect::reconstruction(&capture);
+    let limit = serde_json::json!({"texel": 22.5, "with_somebody": 0.31, "with_nobody": 0.9});
+    solved.metrics.extra.insert("limit".to_owned(), limit);
+    let page = html(&capture, &solved, &ReportOptions::new("eclipse")).unwrap();
+    let (_, summary) = page.split_once("<p class=\"summary\">").unwrap();
+    let (summary, _) = summary.split_once("</p>").unwrap();
+    assert!(
+        summary.ends_with(
+            "these photographs tell light over parts of 22° but for 31 % of its variation with somebody behind each camera, \
+             and but for 90 % with nobody in the light."
+        ),
+        "{summary}"
+    );
+    assert!(page.contains("<td>limit with nobody</td><td>0.9</td>"));
+
+    // Where it was left out, the table says why.
+    let reason = serde_json::json!({"left_out": "the run was interrupted"});
+    solved.metrics.extra.insert("limit".to_owned(), reason);
+    let page = html(&capture, &solved, &ReportOptions::new("eclipse")).unwrap();
+    assert!(!page.contains("At best"));
+    assert!(page.contains("<td>limit left out</td><td>the run was interrupted</td>"));
+}
+
+#[test]
+fn the_viewer_says_which_of_a_runs_files_it_takes() {
+    let page = page();
+    assert!(page.contains("the <code>environment.hdr</code> that a run leaves beside this page"));
+}
+
+#[test]
 fn nothing_outside_the_page_is_needed() {
     let page = page();
     for outside in [

@@ -185,6 +185,57 @@ fn views_in_other_light_lie_beside_the_scene() {
 }
 
 #[test]
+fn a_scene_cannot_name_what_lies_outside_the_benchmark() {
+    let folder = tempfile::tempdir().unwrap();
+    let own = folder.path().join("benchmark/cup_scene001");
+    fs::create_dir_all(own.join("test")).unwrap();
+    let listed = |split: Split, frame: serde_json::Value| {
+        let mut frame = frame;
+        frame["camera_angle_x"] = serde_json::json!(0.4);
+        let path = own.join(format!("transforms_{}.json", split.name()));
+        fs::write(path, serde_json::json!({ "frames": [frame] }).to_string()).unwrap();
+        views(&own, split)
+    };
+    let refused = |split, frame, field: &str| {
+        let error = listed(split, frame).unwrap_err().to_string();
+        let expected = format!("`{field}` is ");
+        assert!(
+            error.contains(&expected) && error.contains("take the benchmark's own file"),
+            "{error}"
+        );
+    };
+    for name in [
+        "../test/0001",
+        "/etc/0001",
+        "test/../../../0001",
+        "",
+        ".",
+        "..\\0001",
+    ] {
+        refused(
+            Split::Test,
+            serde_json::json!({ "file_path": name }),
+            "file_path",
+        );
+    }
+    for scene in ["..", "../elsewhere", "/etc", "a/../..", ""] {
+        let frame = serde_json::json!({ "file_path": "test/0001", "scene_name": scene });
+        refused(Split::Novel, frame, "scene_name");
+    }
+    let frame = serde_json::json!({ "file_path": "./test/0001", "scene_name": "cup_scene002" });
+    let found = listed(Split::Novel, frame).unwrap();
+    assert_eq!(found[0].name, "cup_scene002/0001");
+    #[cfg(unix)]
+    {
+        let secret = folder.path().join("secret.exr");
+        fs::write(&secret, "").unwrap();
+        std::os::unix::fs::symlink(&secret, own.join("test/0001.exr")).unwrap();
+        let frame = serde_json::json!({ "file_path": "test/0001" });
+        refused(Split::Test, frame, "file_path");
+    }
+}
+
+#[test]
 fn what_cannot_be_scored_is_said() {
     let folder = tempfile::tempdir().unwrap();
     scene(folder.path());

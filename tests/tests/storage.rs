@@ -2,14 +2,16 @@
 #![cfg(unix)]
 
 use std::{
+    collections::BTreeMap,
     fs,
-    path::Path,
+    path::{Path, PathBuf},
     process::{Command, Output},
 };
 
 use eclipse_tests::{
     perfect,
     program::{stderr, text},
+    small_capture,
 };
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_eclipse-under-test");
@@ -27,6 +29,36 @@ fn on_a_full_disk(blocks: usize, arguments: &[&str]) -> Output {
         .args(arguments)
         .output()
         .unwrap()
+}
+
+/// The bytes of a block, as the shell counts.
+fn block() -> u64 {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("file");
+    let script = "trap '' XFSZ; ulimit -f 1; head -c 4096 /dev/zero > \"$0\"";
+    let mut shell = Command::new("sh");
+    shell.args(["-c", script]).arg(&path).output().unwrap();
+    let length = fs::metadata(&path).unwrap().len();
+    assert!([512, 1024].contains(&length), "{length}");
+    length
+}
+
+/// All that a run finds, by its path below `folder`: what tells the time is left out.
+fn results(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(inner) = folders.pop() {
+        for entry in fs::read_dir(inner).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|e| e == "exr" || e == "glb") {
+                let name = path.strip_prefix(folder).unwrap().to_owned();
+                found.insert(name, fs::read(&path).unwrap());
+            }
+        }
+    }
+    found
 }
 
 fn files(folder: &Path) -> Vec<String> {
@@ -73,6 +105,52 @@ fn a_full_disk_ends_with_one_message_and_no_half_files() {
         "{left:?}"
     );
     assert!(!left.contains(&"report.html".to_owned()), "{left:?}");
+}
+
+#[test]
+fn a_run_that_met_a_full_disk_ends_like_one_that_never_did() {
+    let folder = tempfile::tempdir().unwrap();
+    let (whole, out) = (folder.path().join("whole"), folder.path().join("out"));
+    let arguments = |steps, out| {
+        let capture = text(small_capture::on_disk());
+        let mut arguments = vec!["reconstruct", capture, "--lambertian", "--json"];
+        arguments.extend(["--threads", "2", "--iterations", steps, "--out", out]);
+        arguments
+    };
+    let run = |arguments: &[&str]| {
+        let output = Command::new(PROGRAM).args(arguments).output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    };
+    run(&arguments("5", text(&whole)));
+    run(&arguments("3", text(&out)));
+    let checkpoint = || fs::read(out.join("checkpoint.bin")).unwrap();
+    let (earlier, found) = (checkpoint(), results(&out));
+    assert!(found.len() > 3 * 8, "only {} files", found.len());
+
+    // Room for everything but the next checkpoint, which is no smaller than this one.
+    let resumed = [&arguments("5", text(&out))[..], &["--resume"]].concat();
+    let room = (earlier.len() as u64 - 1) / block();
+    let output = on_a_full_disk(room as usize, &resumed);
+    let message = stderr(&output);
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("cannot write the checkpoint"), "{message}");
+    assert!(
+        checkpoint() == earlier,
+        "the earlier checkpoint was touched"
+    );
+    assert!(results(&out) == found, "earlier results were touched");
+    let left = files(&out);
+    assert!(
+        left.iter().all(|name| !name.starts_with(".writing-")),
+        "{left:?}"
+    );
+
+    run(&resumed);
+    let (ended, undisturbed) = (results(&out), results(&whole));
+    assert!(ended.keys().eq(undisturbed.keys()));
+    for (name, bytes) in &undisturbed {
+        assert!(ended[name] == *bytes, "{} differs", name.display());
+    }
 }
 
 #[test]

@@ -1,9 +1,23 @@
 //! The paper's experiments, from the command line to the files they leave.
 
-use std::{fs, path::Path, process::Command};
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::Path,
+    process::{Command, Output},
+    sync::atomic::{AtomicBool, Ordering},
+};
 
-use eclipse::synthesize::{self, Occluders, Pattern, Scene, Shooting};
-use eclipse_tests::scenes;
+use eclipse::{
+    capture::write,
+    studies::{self, Bench, Scale, Verdict},
+    synthesize::{self, Occluders, Pattern, Scene, Shooting},
+};
+use eclipse_tests::{
+    lit_ball::{self, lamps},
+    program::{stderr, text},
+    scenes,
+};
 use render::{bsdf::Model, lat_long::LatLong};
 use serde_json::Value;
 
@@ -15,17 +29,21 @@ fn study(name: &str) -> (Value, tempfile::TempDir) {
 /// Runs a study with further arguments.
 fn study_of(name: &str, arguments: &[&str]) -> (Value, tempfile::TempDir) {
     let folder = tempfile::tempdir().unwrap();
-    let output = Command::new(env!("CARGO_BIN_EXE_eclipse-under-test"))
-        .env_remove("ECLIPSE_REAL")
-        .args(["study", name, "--json", "--threads", "1", "--out"])
-        .arg(folder.path())
-        .args(arguments)
-        .output()
-        .unwrap();
-    let messages = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(0), "{messages}");
+    let output = run(name, folder.path(), arguments);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     let summary = serde_json::from_slice(&output.stdout).unwrap();
     (summary, folder)
+}
+
+/// Runs a study into a folder, however it ends.
+fn run(name: &str, out: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_eclipse-under-test"))
+        .env_remove("ECLIPSE_REAL")
+        .args(["study", name, "--json", "--threads", "1", "--out"])
+        .arg(out)
+        .args(arguments)
+        .output()
+        .unwrap()
 }
 
 /// The page says what the summary says, first of all, and every plot has its data.
@@ -169,28 +187,60 @@ fn somebody_in_the_light_lifts_the_limit() {
     capture(&path, Occluders::None);
     let (summary, out) = study_of("limit", &[path.to_str().unwrap()]);
     complete("limit", &summary, &out);
-    let error = |who: &str, albedo: &str| {
-        let row = &summary["numbers"]["pair"][format!("{who}, albedo {albedo}")];
-        row["error"].as_f64().unwrap()
+    let seeds = |value: &Value| -> Vec<f64> {
+        let values = value.as_array().unwrap().iter();
+        values.map(|v| v.as_f64().unwrap()).collect()
     };
-    // Whoever knows more is not further off, and whoever knows nothing is off by all.
-    for who in ["somebody", "nobody"] {
-        assert!(error(who, "known") <= error(who, "unknown") && error(who, "unknown") < 1.0);
+    let errors = |who: &str, albedo: &str| {
+        seeds(&summary["numbers"]["pair"][format!("{who}, albedo {albedo}")]["error"])
+    };
+    assert_eq!(errors("nobody", "known").len(), 3);
+    for seed in 0..3 {
+        let error = |who: &str, albedo: &str| errors(who, albedo)[seed];
+        // Whoever knows more is not further off, and whoever knows nothing is off by all.
+        for who in ["somebody", "nobody"] {
+            assert!(error(who, "known") <= error(who, "unknown") && error(who, "unknown") < 1.0);
+        }
+        for albedo in ["known", "unknown"] {
+            let [with, without] = ["somebody", "nobody"].map(|who| error(who, albedo));
+            assert!(with < without, "albedo {albedo}: {with}, {without}");
+        }
+        // Large detail is easier than small.
+        let revealed = &summary["numbers"]["pair"]["somebody, albedo known"]["revealed"];
+        let shares: Vec<f64> = ["11.2 degrees", "22.5 degrees", "45 degrees", "90 degrees"]
+            .iter()
+            .map(|size| seeds(&revealed[size])[seed])
+            .collect();
+        assert!(
+            shares.windows(2).all(|pair| pair[0] <= pair[1]),
+            "{shares:?}"
+        );
     }
-    for albedo in ["known", "unknown"] {
-        let [with, without] = ["somebody", "nobody"].map(|who| error(who, albedo));
-        assert!(with < without, "albedo {albedo}: {with}, {without}");
-    }
-    // Large detail is easier than small.
-    let revealed = &summary["numbers"]["pair"]["somebody, albedo known"]["revealed"];
-    let shares: Vec<f64> = ["11.2 degrees", "22.5 degrees", "45 degrees", "90 degrees"]
-        .iter()
-        .map(|size| revealed[size].as_f64().unwrap())
+    // Whoever plots the data again must know the seeds apart.
+    let data = fs::read_to_string(out.path().join("limit/pair-resolved.csv")).unwrap();
+    let seeds: BTreeSet<&str> = data
+        .lines()
+        .skip(1)
+        .map(|l| l.rsplit(',').nth(2).unwrap())
         .collect();
-    assert!(
-        shares.windows(2).all(|pair| pair[0] <= pair[1]),
-        "{shares:?}"
-    );
+    assert_eq!(seeds, ["0", "1", "2"].into());
+}
+
+#[test]
+fn light_that_is_known_has_no_limit() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("ball");
+    write(
+        &path,
+        &lit_ball::capture(&lamps(), &lamps(), |_, _, light| light),
+    )
+    .unwrap();
+    let out = folder.path().join("out");
+    let output = run("limit", &out, &[text(&path)]);
+    let message = stderr(&output);
+    assert_eq!(output.status.code(), Some(3), "{message}");
+    assert!(message.contains("eclipse diagnose"), "{message}");
+    assert!(!out.join("limit/study.html").exists());
 }
 
 #[test]
@@ -199,6 +249,7 @@ fn studies_that_reconstruct_leave_pages() {
     capture(&folder.path().join("pair"), Occluders::Operator);
     capture(&folder.path().join("pair-unoccluded"), Occluders::None);
     let captures = [
+        "--glance",
         "--captures",
         folder.path().to_str().unwrap(),
         "--time-limit",
@@ -212,7 +263,150 @@ fn studies_that_reconstruct_leave_pages() {
             summary["sentence"].as_str().unwrap().contains("pair"),
             "{name}"
         );
+        // The page can be made again from what it says.
+        let page = fs::read_to_string(out.path().join(name).join("study.html")).unwrap();
+        let command = format!("eclipse study {name} --json --threads 1 --out ");
+        assert!(page.contains(&command), "{name}");
+        assert!(
+            page.contains(" --time-limit 2s</code> makes it again"),
+            "{name}"
+        );
     }
+}
+
+#[test]
+fn studies_that_no_capture_is_needed_for_run_at_a_glance() {
+    let folder = tempfile::tempdir().unwrap();
+    capture(&folder.path().join("pair"), Occluders::Operator);
+    let arguments = [
+        "--glance",
+        "--captures",
+        text(folder.path()),
+        "--time-limit",
+        "1s",
+    ];
+    // What each says in its sentence, and a number that must be one.
+    let studies = [
+        (
+            "uncertainty",
+            "over 2 draws",
+            vec!["light_error_over_predicted"],
+        ),
+        (
+            "parametrisation",
+            "harmonics of degree 8",
+            vec!["no occluders", "environment_relative_rmse"],
+        ),
+        (
+            "shiny",
+            "α 0.2: found α",
+            vec!["alpha 0.2", "environment_relative_rmse"],
+        ),
+        (
+            "sweeps",
+            "larger occluders lower the error",
+            vec!["person", "1.6", "somebody"],
+        ),
+        (
+            "time",
+            "pair: after a quarter of 1 s",
+            vec!["pair", "seed 0", "paper", "environment_relative_rmse"],
+        ),
+    ];
+    for (name, said, path) in studies {
+        let (summary, out) = study_of(name, &arguments);
+        complete_with(name, &summary, &out, 1);
+        let sentence = summary["sentence"].as_str().unwrap();
+        assert!(sentence.contains(said), "{sentence}");
+        assert!(
+            sentence.contains(|c: char| c.is_ascii_digit()),
+            "{sentence}"
+        );
+        // A glance settles nothing, and says so.
+        assert_eq!(summary["verdict"], "not_tested", "{name}");
+        assert!(sentence.contains("at a glance"), "{sentence}");
+        let mut found = &summary["numbers"];
+        for key in path {
+            found = &found[key];
+        }
+        let found = found.as_array().map_or(found, |seeds| &seeds[0]);
+        assert!(
+            found.as_f64().is_some_and(f64::is_finite),
+            "{name}: {summary:#}"
+        );
+    }
+}
+
+#[test]
+fn without_a_pair_of_captures_one_is_made() {
+    let folder = tempfile::tempdir().unwrap();
+    capture(&folder.path().join("alone"), Occluders::Operator);
+    let (summary, out) = study_of(
+        "lambertian",
+        &["--glance", "--captures", text(folder.path())],
+    );
+    complete_with("lambertian", &summary, &out, 1);
+    let sentence = summary["sentence"].as_str().unwrap();
+    assert!(sentence.contains("balls: relative RMSE"), "{sentence}");
+    let page = fs::read_to_string(out.path().join("lambertian/study.html")).unwrap();
+    assert!(page.contains("were made for it"));
+}
+
+#[test]
+fn a_capture_that_cannot_be_read_is_left_out_and_decides_the_exit_code() {
+    let folder = tempfile::tempdir().unwrap();
+    capture(&folder.path().join("pair"), Occluders::Operator);
+    let broken = folder.path().join("broken/truth");
+    fs::create_dir_all(&broken).unwrap();
+    fs::write(broken.join("environment.exr"), "no image").unwrap();
+    let out = folder.path().join("out");
+    let captures = [
+        "--glance",
+        "--captures",
+        text(folder.path()),
+        "--time-limit",
+        "1s",
+    ];
+    let output = run("masks", &out, &captures);
+    let message = stderr(&output);
+    assert_eq!(output.status.code(), Some(3), "{message}");
+    assert!(
+        message.contains("broken, which cannot be used"),
+        "{message}"
+    );
+    // What was found is printed and written all the same, and says what is missing.
+    let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let sentence = summary["sentence"].as_str().unwrap();
+    assert!(
+        sentence.contains("pair") && sentence.contains("Left out: broken"),
+        "{sentence}"
+    );
+    assert!(out.join("masks/study.html").is_file());
+}
+
+#[test]
+fn what_was_found_before_a_stop_is_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["first", "second"] {
+        capture(&folder.path().join(name), Occluders::Operator);
+    }
+    let stop = AtomicBool::new(false);
+    // Somebody presses Ctrl-C after the first solve.
+    let tell = |message: &str| {
+        if message.contains("environment") {
+            stop.store(true, Ordering::Relaxed);
+        }
+    };
+    let mut bench = Bench::new(Scale::Glance, folder.path(), &stop, &tell);
+    bench.time_limit = Some(1.0);
+    let evidence = studies::run(studies::by_name("masks").unwrap(), &bench).unwrap();
+    let sentence = evidence.first_line();
+    assert!(
+        sentence.contains("first") && !sentence.contains("second"),
+        "{sentence}"
+    );
+    assert!(sentence.contains("Interrupted"), "{sentence}");
+    assert_eq!(evidence.verdict, Verdict::NotTested);
 }
 
 #[test]

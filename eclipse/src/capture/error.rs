@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::Diagnosis;
+use super::{Diagnosis, MAX_SAMPLES};
 use crate::{image_io::ImageIoError, mesh_io::MeshIoError};
 
 /// Why a capture could not be read or written.
@@ -97,10 +97,18 @@ pub enum CaptureError {
     },
     /// A path that leads out of the capture's folder.
     #[error(
-        "`{field}` names {}, which lies outside the capture's folder; move it inside, or allow paths outside when you \
-         trust the capture", path.display()
+        "`{field}` names {}, which lies outside the capture's folder; move it inside and correct the path, or give --allow-outside when \
+         you trust the capture (in the library: `LoadOptions::allow_outside`)", path.display()
     )]
     Outside { field: &'static str, path: PathBuf },
+    /// Images that would not fit into memory together.
+    #[error(
+        "{}: its photographs and masks have {samples} values together (pixels × channels, of a photograph at least 4 a pixel), \
+         {:.1} GiB as floats; at most {MAX_SAMPLES} are read: scale the images down (with them w, h, the focal lengths and the \
+         principal point), or leave photographs out",
+        path.display(), *samples as f64 / f64::from(1 << 28)
+    )]
+    TooManySamples { path: PathBuf, samples: u64 },
     /// An image that cannot be decoded.
     #[error("frame {frame:?}: {source}")]
     Image { frame: String, source: ImageIoError },

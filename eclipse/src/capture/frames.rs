@@ -9,12 +9,15 @@ use rayon::prelude::*;
 use render::image::Image;
 
 use super::{
-    CaptureError, Frame,
+    CaptureError, Frame, MAX_SAMPLES,
     paths::Folder,
     pose::{camera, declared_size, rigid_pose},
     transforms::{Transforms, TransformsFrame},
 };
-use crate::image_io::{ColorEncoding, read_image};
+use crate::image_io::{ColorEncoding, read_image, read_size};
+
+/// What is kept of a pixel of a photograph: three values of colour and one of coverage.
+const KEPT: usize = 4;
 
 /// Reads every frame, in the order of `transforms`.
 pub(super) fn load(
@@ -24,6 +27,7 @@ pub(super) fn load(
     encoding: Option<ColorEncoding>,
 ) -> Result<Vec<Frame>, CaptureError> {
     let names = names(json, &transforms.frames)?;
+    check_samples(folder, json, &transforms.frames)?;
     // Collected in order before the first error is looked for, so that it does not depend on timing.
     let frames: Vec<Result<Frame, CaptureError>> = names
         .into_par_iter()
@@ -35,6 +39,32 @@ pub(super) fn load(
         .collect::<Result<Vec<Frame>, CaptureError>>()?;
     same_sizes(folder, transforms, &frames)?;
     Ok(frames)
+}
+
+/// Refuses photographs and masks of more samples than may be read, before any of them is decoded: a few kilobytes of PNG can
+/// hold a hundred million pixels of one colour.
+fn check_samples(
+    folder: &Folder,
+    json: &Path,
+    entries: &[TransformsFrame],
+) -> Result<(), CaptureError> {
+    // A file that is not there, or no image, counts nothing here: reading its frame says what is wrong with it.
+    let size = |field, name: &str| read_size(&folder.image("", field, name).ok()?).ok();
+    let samples_of = |entry: &TransformsFrame| {
+        let photograph = size("file_path", &entry.file_path)
+            .map_or(0, |size| size.samples.max(KEPT * size.width * size.height));
+        let mask = entry.mask_path.as_deref();
+        let mask = mask.and_then(|name| size("mask_path", name));
+        photograph as u64 + mask.map_or(0, |size| size.samples as u64)
+    };
+    let samples: u64 = entries.par_iter().map(samples_of).sum();
+    if samples <= MAX_SAMPLES {
+        return Ok(());
+    }
+    Err(CaptureError::TooManySamples {
+        path: json.into(),
+        samples,
+    })
 }
 
 fn load_frame(

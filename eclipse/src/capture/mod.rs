@@ -30,6 +30,12 @@ pub use write::{write, write_with};
 
 use crate::{capture::paths::Folder, image_io::ColorEncoding, mesh_io::read_mesh};
 
+/// Most samples (pixels × channels) of all photographs and masks of a capture together: 8 GiB as floats.
+///
+/// A photograph counts with the four values a pixel that are kept of it, or with the channels of its file where those are more.
+/// A run with the memory that it has by default holds a seventh of this.
+pub const MAX_SAMPLES: u64 = 1 << 31;
+
 /// A capture, read and checked, in the recentred frame (the middle of the mesh's bounding box is the origin).
 #[derive(Clone, Debug)]
 pub struct Capture {

@@ -1,6 +1,8 @@
 //! The commands; each one's arguments stand with what it does.
 
-use clap::{Parser, Subcommand};
+use std::path::Path;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use super::{
     completions::CompletionsArguments, diagnose::DiagnoseArguments, evaluate::EvaluateArguments,
@@ -8,6 +10,7 @@ use super::{
     reconstruct::ReconstructArguments, relight::RelightArguments, shown::ProgressArguments,
     study::StudyArguments, synthesize::SynthesizeArguments,
 };
+use crate::{capture::LoadOptions, image_io::ColorEncoding};
 
 /// Recovers light, materials and unseen occluders from posed photographs of an object whose shape is known.
 #[derive(Parser, Debug)]
@@ -58,6 +61,64 @@ impl Command {
             | Self::Export(_)
             | Self::Completions(_)
             | Self::Man(_) => None,
+        }
+    }
+}
+
+/// How a capture is read, for every command that takes one.
+#[derive(Args, Debug, Default)]
+pub(super) struct ReadingArguments {
+    /// Let the capture name files outside its folder: for captures that you trust.
+    #[arg(long)]
+    pub allow_outside: bool,
+    /// How all photographs store colours [default: what transforms.json says, else EXR and HDR linear, PNG and JPEG srgb].
+    #[arg(long, value_enum, value_name = "ENCODING")]
+    pub color: Option<ColorName>,
+}
+
+/// How stored values relate to light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum ColorName {
+    /// In proportion.
+    Linear,
+    /// By the sRGB curve.
+    Srgb,
+}
+
+impl ReadingArguments {
+    /// What a capture is read by; `mesh` stands in for its own.
+    pub fn options(&self, mesh: Option<&Path>) -> LoadOptions {
+        LoadOptions {
+            mesh: mesh.map(Path::to_path_buf),
+            allow_outside: self.allow_outside,
+            color_encoding: self.color.map(ColorName::encoding),
+            ..LoadOptions::default()
+        }
+    }
+}
+
+impl ColorName {
+    /// As captures have it.
+    pub fn encoding(self) -> ColorEncoding {
+        match self {
+            Self::Linear => ColorEncoding::Linear,
+            Self::Srgb => ColorEncoding::Srgb,
+        }
+    }
+
+    /// Of a capture's.
+    pub fn of(encoding: ColorEncoding) -> Self {
+        match encoding {
+            ColorEncoding::Linear => Self::Linear,
+            ColorEncoding::Srgb => Self::Srgb,
+        }
+    }
+
+    /// As it is typed.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Linear => "linear",
+            Self::Srgb => "srgb",
         }
     }
 }

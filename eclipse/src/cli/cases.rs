@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use super::{Failure, Outcome, diagnose::Job, print, shown::ProgressArguments, units};
 use crate::{
+    capture::LoadOptions,
     files::atomic,
     progress::{Event, Lines, Style},
     settings::Settings,
@@ -44,7 +45,7 @@ impl CaseArguments {
             out,
             time_limit: self.time_limit,
             effects: &[],
-            mesh: None,
+            reading: LoadOptions::default(),
             seed: 0,
             threads: self
                 .threads

@@ -9,7 +9,9 @@ use std::{
 use clap::Args;
 
 use super::{
-    Failure, Outcome, print,
+    Failure, Outcome,
+    arguments::{ColorName, ReadingArguments},
+    print,
     shown::{self, ProgressArguments},
     stop_on_interrupt, taken, units,
 };
@@ -71,6 +73,8 @@ pub(super) struct DiagnoseArguments {
     #[arg(long)]
     pub json: bool,
     #[command(flatten)]
+    pub reading: ReadingArguments,
+    #[command(flatten)]
     pub progress: ProgressArguments,
 }
 
@@ -81,7 +85,7 @@ pub(super) struct Job<'a> {
     pub out: Option<&'a Path>,
     pub time_limit: f64,
     pub effects: &'a [String],
-    pub mesh: Option<PathBuf>,
+    pub reading: LoadOptions,
     pub seed: u64,
     pub threads: usize,
     pub style: Style,
@@ -102,7 +106,7 @@ pub(super) fn run(arguments: &DiagnoseArguments, out: &mut dyn Write) -> Result<
         out: Some(&folder),
         time_limit: arguments.time_limit,
         effects: &arguments.effects,
-        mesh: arguments.mesh.clone(),
+        reading: arguments.reading.options(arguments.mesh.as_deref()),
         seed: arguments.seed,
         threads: arguments
             .threads
@@ -128,12 +132,10 @@ pub(super) fn diagnose(
     stop: &AtomicBool,
     inspect: &mut dyn FnMut(&criticism::Outcome<'_>) -> Result<(), DiagnoseError>,
 ) -> Result<Option<Diagnosis>, Failure> {
-    let options = LoadOptions {
-        mesh: job.mesh.clone(),
-        ..LoadOptions::default()
-    };
     let began = std::time::Instant::now();
-    let capture = Capture::load(job.capture, &options).map_err(Failure::bad_input)?;
+    let capture = Capture::load(job.capture, &job.reading).map_err(Failure::bad_input)?;
+    // Before anybody waits for a reconstruction.
+    criticism::chosen(job.effects, criticism::light_of(&capture)).map_err(refused)?;
     let _lock = job.out.map(taken).transpose()?;
     let report = shown::tell(job.style);
     let pool = rayon::ThreadPoolBuilder::new()
@@ -164,7 +166,7 @@ pub(super) fn diagnose(
                 iterations: Some(STEPS),
                 seed: job.seed,
                 threads: job.threads,
-                mesh: job.mesh.clone(),
+                mesh: job.reading.mesh.clone(),
                 ..Settings::default()
             };
             let display = ProgressDisplay::new(&settings, job.style);
@@ -198,14 +200,7 @@ pub(super) fn diagnose(
     let outcome = pool.install(|| criticism::diagnose(&capture, &simulation, &options, &go_on));
     let mut outcome = match outcome {
         Err(DiagnoseError::Interrupted) => return Ok(None),
-        Err(error @ (DiagnoseError::Unknown(_) | DiagnoseError::OtherLight { .. })) => {
-            return Err(Failure {
-                outcome: Outcome::Usage,
-                message: error.to_string(),
-            });
-        }
-        Err(error @ DiagnoseError::Study(_)) => return Err(Failure::bad_input(error)),
-        other => other.map_err(Failure::failed)?,
+        other => other.map_err(refused)?,
     };
     // Where the lamps are known there is nothing to reconstruct.
     if capture.lamps.is_none() {
@@ -216,6 +211,18 @@ pub(super) fn diagnose(
         page::write(folder, &outcome).map_err(Failure::failed)?;
     }
     Ok(Some(outcome.diagnosis))
+}
+
+/// Whose fault it is.
+fn refused(error: DiagnoseError) -> Failure {
+    match error {
+        DiagnoseError::Unknown(_) | DiagnoseError::OtherLight { .. } => Failure {
+            outcome: Outcome::Usage,
+            message: error.to_string(),
+        },
+        DiagnoseError::Study(_) => Failure::bad_input(error),
+        other => Failure::failed(other),
+    }
 }
 
 /// The command that reconstructs with what was found: effects of the camera fitted jointly, occluders if somebody moves in the
@@ -232,8 +239,14 @@ fn reconstruction_with(job: &Job<'_>, d: &Diagnosis) -> Option<String> {
         "eclipse reconstruct {}",
         units::shell_word(&job.capture.to_string_lossy())
     );
-    if let Some(mesh) = &job.mesh {
+    if let Some(mesh) = &job.reading.mesh {
         command += &format!(" --mesh {}", units::shell_word(&mesh.to_string_lossy()));
+    }
+    if job.reading.allow_outside {
+        command += " --allow-outside";
+    }
+    if let Some(encoding) = job.reading.color_encoding {
+        command += &format!(" --color {}", ColorName::of(encoding).name());
     }
     if !somebody {
         command += " --no-occluders";

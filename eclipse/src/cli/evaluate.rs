@@ -12,8 +12,14 @@ use crate::evaluate::{
 
 const EXAMPLES: &str = "Examples:
   eclipse evaluate out/potatoes --truth tests/captures/potatoes/truth --json
-  eclipse evaluate out/cup/test --stanford-orb blender_HDR/cup_scene001
-  eclipse evaluate out/cup/relit --stanford-orb blender_HDR/cup_scene001 --split novel
+
+Stanford-ORB, new views in the recovered light, then in that of other scenes, whose maps the benchmark has in ground_truth:
+  eclipse relight out/cup --environment out/cup/environment.exr --camera blender_HDR/cup_scene001/transforms_test.json \\
+    --names-from-cameras --size 512x512 --out out/cup/views
+  eclipse evaluate out/cup/views/test --stanford-orb blender_HDR/cup_scene001
+  eclipse relight out/cup --environments ground_truth --axes camera --camera blender_HDR/cup_scene001/transforms_novel.json \\
+    --names-from-cameras --size 512x512 --out out/cup/novel
+  eclipse evaluate out/cup/novel --stanford-orb blender_HDR/cup_scene001 --split novel
 
 With --stanford-orb the folder holds a prediction a view, 512 x 512 pixels, by its name: 0003.exr (linear) or 0003.png (sRGB); for
 the novel split in a folder for each scene, such as cup_scene002/0003.exr.";

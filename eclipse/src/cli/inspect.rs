@@ -4,7 +4,7 @@ use std::{io::Write, path::PathBuf};
 
 use clap::Args;
 
-use super::{Failure, Outcome, print, units};
+use super::{Failure, Outcome, arguments::ReadingArguments, print, taken, units};
 use crate::{
     inspect::{self, Inspection, LampsInspection, page},
     settings::Settings,
@@ -29,13 +29,17 @@ pub(super) struct InspectArguments {
     /// Folder for a page with pictures (inspection.html) and the JSON.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    #[command(flatten)]
+    pub reading: ReadingArguments,
 }
 
 pub(super) fn run(arguments: &InspectArguments, out: &mut dyn Write) -> Result<Outcome, Failure> {
     let settings = Settings::default();
-    let mesh = arguments.mesh.as_deref();
+    let options = arguments.reading.options(arguments.mesh.as_deref());
     let (inspection, capture) =
-        inspect::inspect(&arguments.capture, mesh, &settings).map_err(Failure::bad_input)?;
+        inspect::inspect(&arguments.capture, options, &settings).map_err(Failure::bad_input)?;
+    // A capture that cannot be read leaves no folder behind.
+    let _lock = arguments.out.as_deref().map(taken).transpose()?;
     if let Some(folder) = &arguments.out {
         page::write(folder, &inspection, &capture).map_err(Failure::failed)?;
     }

@@ -1,5 +1,8 @@
 //! `eclipse reconstruct`.
 
+mod limit;
+mod resume;
+
 use std::{
     ffi::OsString,
     io::Write,
@@ -11,31 +14,37 @@ use clap::{Args, ValueEnum};
 use render::image::Image;
 use serde_json::json;
 
-use super::{Failure, Outcome, print, shown::ProgressArguments, stop_on_interrupt, taken, units};
+use self::resume::Chosen;
+use super::{
+    Failure, Outcome, arguments::ReadingArguments, print, shown::ProgressArguments,
+    stop_on_interrupt, taken, units,
+};
 use crate::{
-    capture::{Capture, LoadOptions},
+    capture::Capture,
     checkpoint,
     control::Control,
-    joint, layout, output,
+    joint::{self, JointError},
+    layout, output,
     progress::{Dashboard, ProgressDisplay, Style, say},
     reconstruct,
     reconstruction::{Ended, Reconstruction},
-    report::ReportOptions,
+    report::{ReportOptions, radiance},
     settings::{OccluderPrior, Preset, Settings},
 };
 
 const RECONSTRUCT_EXAMPLES: &str = "Examples:
   eclipse reconstruct tests/captures/potatoes
   eclipse reconstruct my-capture --out out/first --time-limit 10m --hold-out 8
-  eclipse reconstruct my-capture --out out/first --time-limit 1h --resume
+  eclipse reconstruct my-capture --out out/first --resume                   # after Ctrl-C, with the same options
+  eclipse reconstruct my-capture --out out/first --resume --time-limit 1h   # an hour in all, all else the same
   eclipse reconstruct my-capture --out out/refined --preset paper --from out/first --hold-out 8
   eclipse reconstruct my-capture --out out/camera --with exposure_drift,vignetting
 
 A capture is a folder with transforms.json (Blender/NeRF or nerfstudio) or a COLMAP model, the photographs
-it names (EXR, HDR, PNG, JPEG; alpha or masks) and a mesh (mesh.glb, .gltf, .obj or .ply).";
+it names (EXR, HDR, PNG, JPEG; alpha or masks) and a mesh (mesh.glb, .gltf, .obj or .ply).
 
-/// What 50 rows of a mask can express (Driscoll & Healy, 1994), as the paper has it.
-const PAPER_DEGREE: usize = 24;
+With --resume, options that are not given are those of the run's beginning (but for --allow-outside, which has to be given again). Time
+limit, iterations, threads and memory may be others, with the same result bit for bit as far as a run goes.";
 
 #[derive(Args, Debug)]
 #[command(after_help = RECONSTRUCT_EXAMPLES)]
@@ -84,7 +93,9 @@ pub(super) struct ReconstructArguments {
     /// Effects of the camera to fit jointly: exposure_drift, vignetting, black_level, response_curve, veiling_glare.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub with: Vec<String>,
-    /// Continue the run in --out from its checkpoint.
+    #[command(flatten)]
+    pub reading: ReadingArguments,
+    /// Continue the run in --out from its checkpoint, with its options where none are given.
     #[arg(long)]
     pub resume: bool,
     /// Print the metrics as JSON and nothing else.
@@ -103,7 +114,12 @@ pub(super) fn run(
     typed: &[OsString],
     out: &mut dyn Write,
 ) -> Result<Outcome, Failure> {
-    let settings = arguments.settings();
+    let folder = arguments.out();
+    // Nothing to continue from is said at once, not after the photographs are read.
+    let begun = arguments.resume.then(|| checkpoint::load(&folder));
+    let begun = begun.transpose().map_err(Failure::bad_input)?;
+    let chosen = Chosen::of(arguments, typed, begun.as_ref());
+    let settings = &chosen.settings;
     if settings.from.is_some() && settings.preset != Preset::Paper {
         return Err(Failure {
             outcome: Outcome::Usage,
@@ -114,31 +130,28 @@ pub(super) fn run(
         outcome: Outcome::Usage,
         message: error.to_string(),
     })?;
-    let folder = arguments.out();
-    if arguments.resume {
-        // Nothing to continue from is said at once, not after the photographs are read.
-        checkpoint::load(&folder).map_err(Failure::bad_input)?;
-    }
-    let options = LoadOptions {
-        mesh: settings.mesh.clone(),
-        ..Default::default()
-    };
+    let options = chosen.reading(arguments);
     let capture = Capture::load(&arguments.capture, &options).map_err(Failure::bad_input)?;
     // Before a folder is made for it.
     reconstruct::check_light(&capture).map_err(Failure::bad_input)?;
+    reconstruct::check_memory(&capture, settings).map_err(Failure::bad_input)?;
     // A run that goes on has no need of what it started from.
     if let Some(from) = settings.from.as_ref().filter(|_| !arguments.resume) {
         reconstruct::paper::start::check(from, &capture).map_err(Failure::bad_input)?;
     }
     let _lock = taken(&folder)?;
+    // Again, now that nobody else can write it.
     let resumed = arguments.resume.then(|| checkpoint::load(&folder));
     let resumed = resumed.transpose().map_err(Failure::bad_input)?;
-    if let Some(checkpoint) = &resumed {
-        let fingerprint = checkpoint::fingerprint(&capture);
-        checkpoint
-            .check(&settings, fingerprint)
-            .map_err(Failure::bad_input)?;
-    }
+    let planned = match &resumed {
+        None => reconstruct::memory(&capture, settings),
+        Some(checkpoint) => {
+            let checked = chosen.check(checkpoint, &capture);
+            checked.map_err(Failure::bad_input)?;
+            reconstruct::run::memory_to_resume(&capture, settings, checkpoint)
+                .map_err(Failure::bad_input)?
+        }
+    };
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(settings.threads)
         .build();
@@ -148,9 +161,9 @@ pub(super) fn run(
         true => Style::Hidden,
         false => arguments.progress.style(arguments.json),
     };
-    announce(&capture, &settings, style);
-    let display = ProgressDisplay::new(&settings, style);
-    let dashboard = arguments.dashboard(&settings)?;
+    announce(&capture, settings, planned, style);
+    let display = ProgressDisplay::new(settings, style);
+    let dashboard = arguments.dashboard(settings)?;
     let light: &(dyn Fn(&Image) + Sync) = &|environment| {
         if let Some(dashboard) = &dashboard {
             dashboard.light(environment);
@@ -165,13 +178,18 @@ pub(super) fn run(
         },
         light: dashboard.as_ref().map(|_| light),
         checkpoint: &|checkpoint| {
-            checkpoint::save(&folder, checkpoint)?;
+            checkpoint::save(&folder, &chosen.kept_in(checkpoint))?;
             saved.store(true, Ordering::Relaxed);
             Ok(())
         },
         resume: resumed.as_ref(),
     };
-    let solved = pool.install(|| joint::run(&capture, &settings, &control));
+    let solved = pool.install(|| {
+        let mut solved = joint::run(&capture, settings, &control)?;
+        let limit = limit::of(&capture, &solved);
+        solved.metrics.extra.insert("limit".to_owned(), limit);
+        Ok::<_, JointError>(solved)
+    });
     display.finish();
     drop(dashboard);
     let solved = solved.map_err(|error| {
@@ -186,7 +204,9 @@ pub(super) fn run(
         );
         return Ok(Outcome::Interrupted);
     }
-    let report = ReportOptions::new(command(typed));
+    // The report names it, and comes last.
+    radiance::write(&folder, &solved.environment).map_err(Failure::failed)?;
+    let report = ReportOptions::new(command(typed, &chosen.inherited));
     output::write(&folder, &capture, &solved, &report).map_err(Failure::failed)?;
     print(out, &summary(&folder, &solved, arguments.json))?;
     Ok(if solved.ended == Ended::Interrupted {
@@ -197,9 +217,8 @@ pub(super) fn run(
 }
 
 /// What is said before the work begins.
-fn announce(capture: &Capture, settings: &Settings, style: Style) {
+fn announce(capture: &Capture, settings: &Settings, planned: u64, style: Style) {
     let (frames, preset) = (capture.frames.len(), settings.preset.name());
-    let planned = reconstruct::memory(capture, settings);
     match style {
         // A closed standard error is no failure.
         Style::Bar => {
@@ -247,17 +266,19 @@ fn summary(folder: &Path, solved: &Reconstruction, as_json: bool) -> String {
     text + &format!("wrote {}\n", folder.join(layout::REPORT).display())
 }
 
-/// The command as a shell would take it, without `--resume`: a repeat starts afresh.
-fn command(typed: &[OsString]) -> String {
+/// The command as a shell would take it, without `--resume`, but with the options that it `inherited`: a repeat starts afresh.
+fn command(typed: &[OsString], inherited: &[String]) -> String {
     let words = typed.iter().skip(1).map(|word| word.to_string_lossy());
-    let words = words
+    let mut words: Vec<String> = words
         .filter(|word| word != "--resume")
-        .map(|word| units::shell_word(&word));
-    ["eclipse".to_owned()]
-        .into_iter()
-        .chain(words)
-        .collect::<Vec<_>>()
-        .join(" ")
+        .map(|word| units::shell_word(&word))
+        .collect();
+    // Behind the name of the command: what was typed may end in words that are no options.
+    let place = words.len().min(1);
+    let inherited = inherited.iter().map(|word| units::shell_word(word));
+    words.splice(place..place, inherited);
+    words.insert(0, "eclipse".to_owned());
+    words.join(" ")
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -302,12 +323,11 @@ impl ReconstructArguments {
 
     /// Every option with its value.
     pub(super) fn settings(&self) -> Settings {
-        let default = Settings::default();
+        let default = Settings::of(match self.preset {
+            PresetName::Fast => Preset::Fast,
+            PresetName::Paper => Preset::Paper,
+        });
         Settings {
-            preset: match self.preset {
-                PresetName::Fast => Preset::Fast,
-                PresetName::Paper => Preset::Paper,
-            },
             time_limit: self.time_limit.or(if self.iterations.is_some() {
                 None
             } else {
@@ -324,10 +344,6 @@ impl ReconstructArguments {
             },
             lambertian: self.lambertian,
             hold_out: self.hold_out.map(|every| every as usize),
-            harmonic_degree: match self.preset {
-                PresetName::Fast => default.harmonic_degree,
-                PresetName::Paper => PAPER_DEGREE,
-            },
             mesh: self.mesh.clone(),
             from: self.from.clone(),
             with: self.with.clone(),
@@ -428,8 +444,14 @@ mod tests {
         ];
         let typed: Vec<OsString> = typed.into_iter().map(OsString::from).collect();
         assert_eq!(
-            command(&typed),
+            command(&typed, &[]),
             r"eclipse reconstruct 'my captures/it'\''s' --seed 3"
+        );
+        // What a run that went on had from its beginning is a part of it.
+        let inherited = ["--mesh", "my m.obj"].map(str::to_owned);
+        assert_eq!(
+            command(&typed, &inherited),
+            r"eclipse reconstruct --mesh 'my m.obj' 'my captures/it'\''s' --seed 3"
         );
     }
 }

@@ -7,14 +7,17 @@ use std::{
 };
 
 use clap::Args;
-use render::{camera::Camera, convention::Convention};
+use render::{camera::Camera, convention::Convention, environment::EnvironmentMap};
 
 use super::{Failure, Outcome, print, shown::ProgressArguments, stop_on_interrupt, units};
 use crate::{
     capture::{MAX_PICTURE_SIDE, read_cameras},
     image_io::{EnvironmentOptions, Rows, read_environment},
     progress::PictureDisplay,
-    relight::{self, Folder, Object, Orbit, Quality, Record, RelightError, Stage, evenly},
+    relight::{
+        self, Axes, Folder, Lights, Object, Orbit, Quality, Record, RelightError, Stage, View,
+        evenly, frame_names, number,
+    },
 };
 
 /// Rows that a light's map is averaged to when it has more: a texel is then a sixth of a degree, a third of the sun.
@@ -29,8 +32,12 @@ const EXAMPLES: &str = "Examples:
   eclipse relight out/mine --environment sunset.hdr --frames 1 --azimuth 30 --exposure 1 --backdrop
   eclipse relight out/mine --environment out/other/environment.exr --rotate 90 --size 1024x768 --out out/turntable
   eclipse relight out/mine --environment studio.exr --camera my-capture/transforms.json --frames 4
+  eclipse relight out/cup --environments ground_truth --axes camera --camera blender_HDR/cup_scene001/transforms_novel.json \\
+    --names-from-cameras --size 512x512 --out out/cup/novel   # Stanford-ORB; see eclipse evaluate --help
 
-The pictures are DIR/relit/NNN.exr (linear, RGBA, colours multiplied by the coverage) and NNN.png (sRGB).";
+The pictures are DIR/relit/NNN.exr (linear, RGBA, colours multiplied by the coverage) and NNN.png (sRGB). With --names-from-cameras
+they are called as the file's frames: as `file_path` without its extension, folders included; as scene_name/file where a frame has a
+`scene_name`. --environments takes the map of the frame a/b from DIR/a/b.exr (or .hdr, .png, .jpg) or DIR/a/env_map/b.exr.";
 
 #[derive(Args, Debug)]
 #[command(after_help = EXAMPLES)]
@@ -38,14 +45,29 @@ pub(super) struct RelightArguments {
     /// Folder that reconstruct wrote.
     pub folder: PathBuf,
     /// Light from all directions, an equirectangular EXR, HDR, PNG or JPEG.
-    #[arg(long, value_name = "FILE")]
-    pub environment: PathBuf,
-    /// How the environment is laid out: blender, mitsuba, openexr, threejs or skylibs [default: what the file says, else blender].
+    #[arg(
+        long,
+        value_name = "FILE",
+        required_unless_present = "environments",
+        conflicts_with = "environments"
+    )]
+    pub environment: Option<PathBuf>,
+    /// A map for each picture, by the name of its frame.
+    #[arg(long, value_name = "DIR")]
+    pub environments: Option<PathBuf>,
+    /// What the light's directions are told in: world, or camera, the axes of each view (x right, y up, z backwards).
+    #[arg(long, value_name = "world|camera", default_value = "world")]
+    pub axes: Axes,
+    /// How the environment is laid out: blender, mitsuba, openexr, threejs or skylibs [default: what the file says, else blender;
+    /// with --axes camera skylibs].
     #[arg(long, value_name = "NAME")]
     pub convention: Option<Convention>,
     /// Cameras: `orbit`, a circle around the object, or a transforms.json in the capture's frame.
     #[arg(long, value_name = "orbit|FILE", default_value = "orbit")]
     pub camera: PathBuf,
+    /// Call the pictures as the cameras' file calls its frames, folders included.
+    #[arg(long)]
+    pub names_from_cameras: bool,
     /// Pictures: of an orbit [default: 24], or so many of the file's cameras, evenly spread [default: all].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=10_000))]
     pub frames: Option<u16>,
@@ -87,30 +109,34 @@ pub(super) struct RelightArguments {
 }
 
 pub(super) fn run(arguments: &RelightArguments, out: &mut dyn Write) -> Result<Outcome, Failure> {
+    if arguments.names_from_cameras && arguments.is_orbit() {
+        return Err(Failure {
+            outcome: Outcome::Usage,
+            message: "--names-from-cameras takes the names of a file: name it with --camera"
+                .to_owned(),
+        });
+    }
     let object = Object::read(&arguments.folder).map_err(Failure::bad_input)?;
-    let cameras = arguments.cameras(&object).map_err(Failure::bad_input)?;
-    let options = EnvironmentOptions {
-        convention: arguments.convention,
-        rotate: arguments.rotate,
-        rows: Rows::AtMost(MOST_ROWS),
-    };
-    let environment =
-        read_environment(&arguments.environment, &options).map_err(Failure::bad_input)?;
+    let views = arguments.views(&object).map_err(Failure::bad_input)?;
+    let (light, lights) = arguments.light(&views).map_err(Failure::bad_input)?;
     let record = Record {
         object: arguments.folder.clone(),
-        environment: arguments.environment.clone(),
+        environment: arguments.light_path().to_owned(),
+        axes: arguments.axes.name(),
         convention: arguments.convention.map(Convention::name),
         exposure: arguments.exposure,
         rotate: arguments.rotate,
         backdrop: arguments.backdrop,
         samples: arguments.samples as usize,
         seed: arguments.seed,
-        cameras: cameras
+        pictures: views.iter().map(|view| view.name.clone()).collect(),
+        cameras: views
             .iter()
-            .map(|camera| relight::pose_rows(camera, object.centre))
+            .map(|view| relight::pose_rows(&view.camera, object.centre))
             .collect(),
     };
-    let stage = Stage::new(object, environment, arguments.exposure).map_err(Failure::bad_input)?;
+    let stage = Stage::new(object, light, arguments.exposure);
+    let mut stage = stage.map_err(Failure::bad_input)?;
     let path = arguments.out();
     let folder = Folder::prepare(&path, &record).map_err(Failure::failed)?;
     let pool = rayon::ThreadPoolBuilder::new()
@@ -118,22 +144,28 @@ pub(super) fn run(arguments: &RelightArguments, out: &mut dyn Write) -> Result<O
         .build();
     let pool = pool.map_err(|error| Failure::failed(format!("cannot start threads: {error}")))?;
     let stop = stop_on_interrupt()?;
-    let display = PictureDisplay::new(cameras.len(), arguments.progress.style(false));
+    let display = PictureDisplay::new(views.len(), arguments.progress.style(false));
     let progress = |index: usize, share: f32| {
         display.update(index, share);
         !stop.load(Ordering::Relaxed)
     };
     let quality = arguments.quality();
-    let done = pool.install(|| relight::relight(&stage, &cameras, &quality, &folder, &progress));
+    let lights = lights.as_ref();
+    let done =
+        pool.install(|| relight::relight(&mut stage, &views, lights, &quality, &folder, &progress));
     display.finish();
     match done {
         Err(error @ RelightError::Stopped) => Err(Failure {
             outcome: Outcome::Interrupted,
             message: error.to_string(),
         }),
+        // The map of a later view.
+        Err(error @ (RelightError::Light(_) | RelightError::Exposure(_))) => {
+            Err(Failure::bad_input(error))
+        }
         done => {
             done.map_err(Failure::failed)?;
-            let count = cameras.len();
+            let count = views.len();
             print(
                 out,
                 &format!("wrote {count} pictures to {}\n", path.display()),
@@ -144,13 +176,44 @@ pub(super) fn run(arguments: &RelightArguments, out: &mut dyn Write) -> Result<O
 }
 
 impl RelightArguments {
-    fn cameras(&self, object: &Object) -> Result<Vec<Camera>, RelightError> {
-        if self.camera != Path::new("orbit") {
+    fn is_orbit(&self) -> bool {
+        self.camera == Path::new("orbit")
+    }
+
+    /// What is to be seen, with the names of the pictures.
+    fn views(&self, object: &Object) -> Result<Vec<View>, RelightError> {
+        let count = self.frames.map(usize::from);
+        // A file whose names nobody needs may have any.
+        let named = self.names_from_cameras || self.environments.is_some();
+        let frames = match named && !self.is_orbit() {
+            true => Some(evenly(frame_names(&self.camera)?, count)),
+            false => None,
+        };
+        let cameras = if self.is_orbit() {
+            self.orbit(object)
+        } else {
             let cameras = read_cameras(&self.camera, self.size)?;
             let cameras = cameras.into_iter().map(|(_, camera)| camera).collect();
-            let chosen = evenly(cameras, self.frames.map(usize::from));
-            return relight::recentred(object, chosen);
-        }
+            relight::recentred(object, evenly(cameras, count))?
+        };
+        let view = |(index, camera): (usize, Camera)| {
+            let frame = frames.as_ref().and_then(|frames| frames.get(index));
+            let frame = frame.map_or_else(|| number(index), String::clone);
+            let name = match self.names_from_cameras {
+                true => frame.clone(),
+                false => number(index),
+            };
+            View {
+                name,
+                frame,
+                camera,
+            }
+        };
+        Ok(cameras.into_iter().enumerate().map(view).collect())
+    }
+
+    /// Cameras on a circle.
+    fn orbit(&self, object: &Object) -> Vec<Camera> {
         let orbit = Orbit {
             frames: usize::from(self.frames.unwrap_or(ORBIT_FRAMES)),
             size: self.size.unwrap_or(SIZE),
@@ -158,7 +221,32 @@ impl RelightArguments {
             azimuth: self.azimuth,
             distance: self.distance,
         };
-        Ok(orbit.cameras(object.mesh.bounding_radius()))
+        orbit.cameras(object.mesh.bounding_radius())
+    }
+
+    /// The light of the first view, and of each where they differ.
+    fn light(&self, views: &[View]) -> Result<(EnvironmentMap, Option<Lights>), RelightError> {
+        let options = EnvironmentOptions {
+            convention: self.convention,
+            rotate: self.rotate,
+            rows: Rows::AtMost(MOST_ROWS),
+        };
+        let path = self.light_path();
+        let lights = match (&self.environments, self.axes) {
+            (Some(_), axes) => Lights::of_each(path, views, options, axes)?,
+            (None, Axes::Camera) => Lights::of_one(path, views, options, Axes::Camera),
+            (None, Axes::World) => return Ok((read_environment(path, &options)?, None)),
+        };
+        // Before a folder is made for the pictures.
+        let first = lights.read(0, &views[0].camera)?;
+        Ok((first, Some(lights)))
+    }
+
+    /// The file of the light, or the folder of all.
+    fn light_path(&self) -> &Path {
+        let given = self.environments.as_ref().or(self.environment.as_ref());
+        // One of the two is required.
+        given.map_or(Path::new(""), PathBuf::as_path)
     }
 
     fn quality(&self) -> Quality {

@@ -2,6 +2,7 @@
 
 use std::{
     cell::RefCell,
+    ffi::OsString,
     io::Write,
     path::{Path, PathBuf},
 };
@@ -59,21 +60,24 @@ pub(super) struct LimitArguments {
 
 #[derive(Args, Debug)]
 pub(super) struct PaperArguments {
-    /// What settles the claim in minutes: one seed, short reconstructions, small captures [default].
+    /// What settles the claim in minutes: short reconstructions, small captures; all studies within two hours [default].
     #[arg(long)]
     pub quick: bool,
-    /// The paper's scale where that is a matter of minutes; three seeds and ten minutes for a reconstruction.
+    /// The paper's scale where that is a matter of minutes, and ten minutes for a reconstruction.
     #[arg(long, conflicts_with = "quick")]
     pub full: bool,
-    /// Folder of captures with their truth, for the studies that reconstruct; `lambertian` needs a capture NAME and the same
-    /// without anybody in the light, NAME-unoccluded.
+    /// Only whether everything runs, in seconds: one seed, tiny captures, a step or two. No claim is judged.
+    #[arg(long, conflicts_with_all = ["quick", "full"])]
+    pub glance: bool,
+    /// Folder of captures with their truth, for the studies that reconstruct; `lambertian` and `recovery` compare a capture NAME
+    /// with the same without anybody in the light, NAME-unoccluded.
     #[arg(long, value_name = "DIR", default_value = "tests/captures")]
     pub captures: PathBuf,
     /// Folder of a capture of real photographs, for the study `real` [default: the environment variable ECLIPSE_REAL].
     #[arg(long, value_name = "DIR")]
     pub real: Option<PathBuf>,
-    /// Time for each reconstruction of those captures [default: 2m, or 10m with --full]. Captures that a study makes for itself
-    /// take a fixed number of steps.
+    /// Time for each reconstruction of those captures [default: 2m or, where there are many captures, what leaves all studies
+    /// within two hours; 10m with --full]. Captures that a study makes for itself take a fixed number of steps.
     #[arg(long, value_name = "TIME", value_parser = units::duration)]
     pub time_limit: Option<f64>,
     /// Threads [default: all].
@@ -131,15 +135,25 @@ pub(super) fn run(
     };
     let study = studies::by_name(name)
         .ok_or_else(|| Failure::failed(format!("there is no study called {name}")))?;
-    let evidence = arguments.with_bench(capture, err, |bench| one(study, bench, arguments))?;
-    let evidence = evidence.map_err(failure)?;
-    let text = if arguments.json {
-        serde_json::to_string_pretty(&evidence.summary()).map_err(Failure::failed)? + "\n"
-    } else {
-        evidence.first_line() + "\n"
-    };
-    print(out, &text)?;
-    Ok(Outcome::Done)
+    let mut ended = Ended::default();
+    let evidence = arguments.with_bench(capture, err, |bench| {
+        let evidence = one(study, bench, arguments);
+        ended.look_at(bench);
+        evidence
+    })?;
+    match evidence {
+        Ok(evidence) => {
+            let text = if arguments.json {
+                serde_json::to_string_pretty(&evidence.summary()).map_err(Failure::failed)? + "\n"
+            } else {
+                evidence.first_line() + "\n"
+            };
+            print(out, &text)?;
+        }
+        Err(StudyError::Stopped) => ended.interrupted = true,
+        Err(error) => ended.failed.push(failure(name, &error)),
+    }
+    ended.outcome()
 }
 
 /// All of them on one bench; a study that cannot run does not keep the others from it, but from success.
@@ -148,9 +162,12 @@ fn every(
     out: &mut dyn Write,
     err: &mut dyn Write,
 ) -> Result<Outcome, Failure> {
-    let (mut found, mut failed) = (Vec::new(), Vec::new());
+    let (mut found, mut ended) = (Vec::new(), Ended::default());
     arguments.with_bench(None, err, |bench| {
         for study in studies::all() {
+            if bench.stopped() {
+                break;
+            }
             match one(*study, bench, arguments) {
                 Ok(evidence) => {
                     if !arguments.json {
@@ -159,13 +176,15 @@ fn every(
                     }
                     found.push(evidence);
                 }
-                Err(error @ StudyError::Stopped) => return Err(failure(error)),
+                Err(StudyError::Stopped) => break,
                 Err(error) => {
-                    (bench.tell)(&format!("{} did not run: {error}", study.name()));
-                    failed.push(format!("{}: {error}", study.name()));
+                    let failed = failure(study.name(), &error);
+                    (bench.tell)(&failed.message);
+                    ended.failed.push(failed);
                 }
             }
         }
+        ended.look_at(bench);
         Ok(())
     })??;
     if arguments.json {
@@ -173,14 +192,50 @@ fn every(
         let text = serde_json::to_string_pretty(&summaries).map_err(Failure::failed)?;
         print(out, &(text + "\n"))?;
     }
-    match failed.is_empty() {
-        true => Ok(Outcome::Done),
-        false => Err(Failure::failed(format!(
-            "{} of {} studies did not run: {}",
-            failed.len(),
-            studies::all().len(),
-            failed.join("; ")
-        ))),
+    ended.outcome()
+}
+
+/// How the work ended: whatever is amiss keeps no study from being written and printed, but the command from success.
+#[derive(Default)]
+struct Ended {
+    /// Whether somebody asked for the end.
+    interrupted: bool,
+    /// Studies that have nothing to say.
+    failed: Vec<Failure>,
+    /// Captures that were left out, each with the reason.
+    unusable: Vec<String>,
+}
+
+impl Ended {
+    fn look_at(&mut self, bench: &Bench<'_>) {
+        self.interrupted = bench.stopped();
+        self.unusable = bench.unusable();
+    }
+
+    fn outcome(self) -> Result<Outcome, Failure> {
+        let mut failed = self.failed;
+        failed.extend(self.unusable.into_iter().map(Failure::bad_input));
+        let Some(first) = failed.first() else {
+            return match self.interrupted {
+                true => Err(Failure {
+                    outcome: Outcome::Interrupted,
+                    message: StudyError::Stopped.to_string(),
+                }),
+                false => Ok(Outcome::Done),
+            };
+        };
+        let outcome = if self.interrupted {
+            Outcome::Interrupted
+        } else if failed.iter().all(|f| f.outcome == first.outcome) {
+            first.outcome
+        } else {
+            Outcome::Failed
+        };
+        let messages: Vec<&str> = failed.iter().map(|f| f.message.as_str()).collect();
+        Err(Failure {
+            outcome,
+            message: messages.join("\n  "),
+        })
     }
 }
 
@@ -193,22 +248,34 @@ fn one(
     let folder = arguments.out.join(study.name());
     std::fs::create_dir_all(&folder)?;
     let _lock = Lock::acquire(&folder)?;
-    let evidence = study.run(bench)?;
-    page::write(&folder, &evidence)?;
+    let evidence = studies::run(study, bench)?;
+    page::write(&folder, &evidence, &command(std::env::args_os(), bench))?;
     (bench.tell)(&folder.join(page::PAGE).display().to_string());
     Ok(evidence)
 }
 
-fn failure(error: StudyError) -> Failure {
-    let message = error.to_string();
-    let outcome = match error {
-        StudyError::Stopped => Outcome::Interrupted,
-        StudyError::Captures { .. } | StudyError::Nothing(_) | StudyError::Capture(_) => {
-            Outcome::BadInput
-        }
-        _ => Outcome::Failed,
-    };
-    Failure { outcome, message }
+/// The command as it was `typed`, as a shell would take it; with the folder that the environment named, if it did.
+fn command(typed: impl Iterator<Item = OsString>, bench: &Bench<'_>) -> String {
+    let mut words = vec!["eclipse".to_owned()];
+    let typed = typed.skip(1);
+    words.extend(typed.map(|word| units::shell_word(&word.to_string_lossy())));
+    let by_option = words
+        .iter()
+        .any(|word| word == "--real" || word.starts_with("--real="));
+    if let Some(real) = bench.real.filter(|_| !by_option) {
+        words.push(format!(
+            "--real {}",
+            units::shell_word(&real.to_string_lossy())
+        ));
+    }
+    words.join(" ")
+}
+
+fn failure(name: &str, error: &StudyError) -> Failure {
+    Failure::of(
+        format!("{name} did not run: {error}"),
+        error.is_of_the_input(),
+    )
 }
 
 impl PaperArguments {
@@ -219,7 +286,11 @@ impl PaperArguments {
         err: &mut dyn Write,
         work: impl FnOnce(&Bench<'_>) -> T,
     ) -> Result<T, Failure> {
-        let scale = if self.full { Scale::Full } else { Scale::Quick };
+        let scale = match (self.glance, self.full) {
+            (true, _) => Scale::Glance,
+            (false, true) => Scale::Full,
+            (false, false) => Scale::Quick,
+        };
         let err = RefCell::new(err);
         let (style, lines) = (self.progress.style(self.json), Lines::default());
         let tell = |message: &str| match style {
@@ -243,5 +314,79 @@ impl PaperArguments {
         let real = self.real.clone().or(named);
         bench.real = real.as_deref();
         Ok(work(&bench))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use super::*;
+
+    fn of(outcome: Outcome, message: &str) -> Failure {
+        Failure {
+            outcome,
+            message: message.to_owned(),
+        }
+    }
+
+    #[test]
+    fn what_is_amiss_decides_the_exit_code_and_is_all_said() {
+        let ended = |interrupted, failed: Vec<Failure>, unusable: &[&str]| {
+            let unusable = unusable.iter().map(|&line| line.to_owned()).collect();
+            let ended = Ended {
+                interrupted,
+                failed,
+                unusable,
+            };
+            match ended.outcome() {
+                Ok(outcome) => (outcome, String::new()),
+                Err(failure) => (failure.outcome, failure.message),
+            }
+        };
+        assert_eq!(ended(false, Vec::new(), &[]).0, Outcome::Done);
+        assert_eq!(ended(true, Vec::new(), &[]).0, Outcome::Interrupted);
+        assert_eq!(
+            ended(false, Vec::new(), &["spoon"]),
+            (Outcome::BadInput, "spoon".to_owned())
+        );
+        let both = vec![of(Outcome::BadInput, "a"), of(Outcome::Failed, "b")];
+        let (outcome, message) = ended(false, both, &["c"]);
+        assert_eq!(
+            (outcome, message.as_str()),
+            (Outcome::Failed, "a\n  b\n  c")
+        );
+        assert_eq!(
+            ended(true, vec![of(Outcome::Failed, "a")], &[]).0,
+            Outcome::Interrupted
+        );
+    }
+
+    #[test]
+    fn the_command_can_be_pasted_and_names_what_the_environment_named() {
+        let typed =
+            |words: &[&str]| -> Vec<OsString> { words.iter().map(OsString::from).collect() };
+        let stop = AtomicBool::new(false);
+        let mut bench = Bench::new(Scale::Quick, Path::new("captures"), &stop, &|_| ());
+        let words = [
+            "/usr/bin/eclipse",
+            "study",
+            "all",
+            "--full",
+            "--captures",
+            "it's mine",
+        ];
+        let all = r"eclipse study all --full --captures 'it'\''s mine'";
+        assert_eq!(command(typed(&words).into_iter(), &bench), all);
+        bench.real = Some(Path::new("my dino"));
+        assert_eq!(
+            command(typed(&words).into_iter(), &bench),
+            format!("{all} --real 'my dino'")
+        );
+        let words = ["eclipse", "study", "real", "--real=x"];
+        assert_eq!(
+            command(typed(&words).into_iter(), &bench),
+            "eclipse study real --real=x"
+        );
     }
 }

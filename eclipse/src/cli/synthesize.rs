@@ -12,7 +12,7 @@ use super::{Failure, Outcome, print, shown::ProgressArguments, stop_on_interrupt
 use crate::{
     capture,
     files::lock::Lock,
-    image_io::{EnvironmentOptions, Rows, read_environment, read_image},
+    image_io::{ColorEncoding, EnvironmentOptions, Rows, read_environment, read_image},
     mesh_io::read_mesh,
     progress::PictureDisplay,
     synthesize::{self, Occluders, Pattern, Scene, Shooting, SynthesizeError},
@@ -154,7 +154,8 @@ fn environment(path: &Path, convention: Option<Convention>) -> Result<Image, Fai
 
 /// Maps stacked one below the other.
 fn masks(path: &Path) -> Result<Vec<Image>, Failure> {
-    let stack = read_image(path, None).map_err(Failure::bad_input)?;
+    // Masks are shares of light, not light: no curve applies.
+    let stack = read_image(path, Some(ColorEncoding::Linear)).map_err(Failure::bad_input)?;
     let height = stack.width / 2;
     if height == 0 || !stack.height.is_multiple_of(height) {
         let (width, height) = (stack.width, stack.height);
@@ -191,4 +192,25 @@ fn albedo(values: &[f32]) -> Result<[f32; 3], Failure> {
 
 fn share(text: &str) -> Result<f32, String> {
     units::number(text, 0.0, 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image_io::write_png8;
+
+    #[test]
+    fn masks_are_shares_of_light_in_any_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("masks.png");
+        let mut stack = Image::filled(4, 4, 1, 1.0);
+        stack.data[..8].fill(0.2);
+        write_png8(&path, &stack).unwrap();
+        let Ok(maps) = masks(&path) else {
+            panic!("two masks of 4 × 2 were expected");
+        };
+        assert_eq!(maps.len(), 2);
+        assert_eq!(maps[0].data, [0.2; 8]);
+        assert_eq!(maps[1].data, [1.0; 8]);
+    }
 }

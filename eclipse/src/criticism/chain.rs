@@ -20,6 +20,8 @@ pub struct Chain {
     links: Vec<Link>,
     program: Program,
     ws: Workspace<f32>,
+    /// Of effects whose numbers enter as a sum only: the derivative of the values by that sum, once it has been asked for.
+    by_sum: Vec<Option<Vec<f32>>>,
 }
 
 impl Chain {
@@ -35,12 +37,19 @@ impl Chain {
         let observation = g.domain("observation");
         let mut value = g.param_along("ideal", &observation, 1, &colour);
         for (l, link) in links.iter().enumerate() {
-            let recorded: Vec<Recorded> = (0..link.terms.len())
+            let mut recorded: Vec<Recorded> = (0..link.terms.len())
                 .map(|k| Recorded {
                     beta: g.param(&beta(l, k), &g.uniform(), 1),
                     field: g.input_along(&format!("field {l} {k}"), &observation, 1, &colour),
                 })
                 .collect();
+            if by_one_sum(link) {
+                // A number that is always zero: its derivative is that by the sum of all.
+                recorded.push(Recorded {
+                    beta: g.param(&sum(l), &g.uniform(), 1),
+                    field: g.input_along(&format!("ones {l}"), &observation, 1, &colour),
+                });
+            }
             value = link.effect.record(&value, &recorded);
         }
         // An output is a value of its own even when there is no effect at all.
@@ -51,11 +60,21 @@ impl Chain {
             .axis("colour", 3);
         let mut ws = program.workspace::<f32>(&sizes)?;
         for (l, link) in links.iter().enumerate() {
+            if by_one_sum(link) {
+                ws.set(&sum(l), &[0.0])?;
+                ws.set(&format!("ones {l}"), &vec![1.0; 3 * observations])?;
+            }
             for (k, term) in link.terms.iter().enumerate() {
                 ws.set(&format!("field {l} {k}"), &term.field)?;
             }
         }
-        Ok(Self { links, program, ws })
+        let by_sum = vec![None; links.len()];
+        Ok(Self {
+            links,
+            program,
+            ws,
+            by_sum,
+        })
     }
 
     /// Its effects in the order light meets them.
@@ -68,6 +87,7 @@ impl Chain {
     /// # Errors
     /// As [`Chain::new`].
     pub fn bind(&mut self, ideal: &[f32], betas: &[Vec<f64>]) -> Result<(), ChainError> {
+        self.by_sum.fill(None);
         self.ws.set("ideal", ideal)?;
         for (l, betas) in betas.iter().enumerate() {
             for (k, b) in betas.iter().enumerate() {
@@ -101,10 +121,29 @@ impl Chain {
     /// # Errors
     /// As [`Chain::new`].
     pub fn column(&mut self, link: usize, term: usize) -> Result<Vec<f32>, ChainError> {
+        let own = &self.links[link];
+        if by_one_sum(own) {
+            // One product for all of its numbers: there may be hundreds.
+            if self.by_sum[link].is_none() {
+                self.program.jvp(&mut self.ws, &[(&sum(link), &[1.0])])?;
+                self.by_sum[link] = Some(self.ws.tangent("value")?.to_vec());
+            }
+            let by_sum = self.by_sum[link].iter().flatten();
+            let pairs = by_sum.zip(&own.terms[term].field);
+            return Ok(pairs.map(|(slope, field)| slope * field).collect());
+        }
         self.program
             .jvp(&mut self.ws, &[(&beta(link, term), &[1.0])])?;
         Ok(self.ws.tangent("value")?.to_vec())
     }
+}
+
+fn by_one_sum(link: &Link) -> bool {
+    link.effect.is_of_one_sum() && link.terms.len() > 1
+}
+
+fn sum(link: usize) -> String {
+    format!("sum {link}")
 }
 
 fn beta(link: usize, term: usize) -> String {

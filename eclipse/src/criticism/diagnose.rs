@@ -3,8 +3,8 @@
 use std::{collections::BTreeMap, time::Instant};
 
 use super::{
-    compete::{self, Choice},
-    diagnosis::{Diagnosis, Finding, Judged, Ranked, Refitted, Sealed},
+    compete, confirm,
+    diagnosis::{Diagnosis, Finding, Ranked, Refitted, Sealed},
     effects::{self, Effect},
     fit::{Fit, FitError},
     frame_numbers::FrameNumbers,
@@ -12,9 +12,11 @@ use super::{
     linearise::{Candidate, Jacobian},
     locate,
     refit::{self, Round},
-    score::{Score, Screen, screen},
-    sealed::{self, Judge, Noise},
-    study::{Simulation, Study, StudyError},
+    score::{Screen, screen},
+    sealed::{Judge, Noise},
+    simulation::Simulation,
+    study::{Study, StudyError},
+    told::{finding, moved, ranked},
     verdict::{self, Grounds, Verdict},
 };
 use crate::capture::Capture;
@@ -23,11 +25,6 @@ use crate::capture::Capture;
 const BASELINE_STEPS: usize = 9;
 /// Effects that are added at most.
 const MOST_EFFECTS: usize = 3;
-/// Probability below which a gain on sealed data is not chance, for the best refit of a round; the second best has half of it. Held-out
-/// data cannot stand in for sealed ones: folds have no gutters between them, and of twenty candidates the best was taken.
-const SEALED_LEVEL: f64 = 0.05;
-/// A gain on sealed data whose probability by chance is less than this, but not small enough, calls for more photographs.
-const PERHAPS: f64 = 0.3;
 /// More photographs than these are compared at fewer places each, or memory would grow with their square.
 const MANY_FRAMES: usize = 64;
 /// Hot spots that are told.
@@ -85,10 +82,7 @@ pub fn diagnose<'a>(
     let began = Instant::now();
     let mut seconds = BTreeMap::new();
     let report = |text: &str| report(text).then_some(()).ok_or(DiagnoseError::Interrupted);
-    let light = match capture.lamps {
-        None => Light::Environment,
-        Some(_) => Light::Lamps,
-    };
+    let light = light_of(capture);
     let candidates = chosen(&options.effects, light)?;
     report("visibility of the surface")?;
     let study = Study::new(
@@ -171,7 +165,7 @@ pub fn diagnose<'a>(
     }
 
     report("opening the sealed data")?;
-    let opened = open(&study, &rounds, &mut refits)?;
+    let opened = confirm::open(&study, &rounds, &mut refits)?;
     let before = rounds.first().map_or(&first, |round| &round.null);
     let after = opened.path.last().map_or(before, |step| step.fit);
     let findings: Vec<Finding> = opened
@@ -181,7 +175,7 @@ pub fn diagnose<'a>(
         .collect();
     let all_shared = is_shared(after);
     let none = FrameNumbers::none();
-    let judge = Judge::new(&study, before, Noise::Sensor);
+    let judge = Judge::new(&study, before, after, Noise::Sensor);
     let [first_errors, last_errors] = [before, after].map(|fit| judge.errors(&study, fit, &none));
     let count = first_errors.count(all_shared).max(1) as f64;
     let sealed = Sealed {
@@ -268,78 +262,17 @@ fn assumptions(capture: &Capture, light: Light, study: &Study<'_>) -> Vec<String
     all
 }
 
+/// What is known of a capture's light.
+pub fn light_of(capture: &Capture) -> Light {
+    match capture.lamps {
+        None => Light::Environment,
+        Some(_) => Light::Lamps,
+    }
+}
+
 /// The model with everything that refits speak for.
 fn last_of(rounds: &[Round]) -> Option<&Fit> {
     rounds.last()?.standing.first().map(|(_, fit)| fit)
-}
-
-/// What sealed data confirm.
-struct Opened<'a> {
-    path: Vec<Step<'a>>,
-    /// A stand-in for physics outside the table that does best.
-    unknown: Option<&'static str>,
-    /// Whether an effect that refits speak for gains there, but not enough.
-    refused: bool,
-}
-
-/// One effect that stands.
-struct Step<'a> {
-    choice: &'a Choice,
-    fit: &'a Fit,
-    gain: sealed::Gain,
-}
-
-/// Asks the sealed data: of every round the best refit and, where they refuse it, the next best at a stricter level. Later rounds
-/// began with the best, so that they are not looked at when it is refused.
-fn open<'a>(
-    study: &Study<'_>,
-    rounds: &'a [Round],
-    refits: &mut [Refitted],
-) -> Result<Opened<'a>, FitError> {
-    let mut opened = Opened {
-        path: Vec::new(),
-        unknown: None,
-        refused: false,
-    };
-    for (after, round) in rounds.iter().enumerate() {
-        let judge = Judge::new(study, &round.null, Noise::Estimated);
-        let mut ask = |id: &'static str, fit: &Fit, level: f64| -> Result<_, FitError> {
-            let unknown = FrameNumbers::of(study, fit)?;
-            let [null, with] = [&round.null, fit].map(|fit| judge.errors(study, fit, &unknown));
-            let gain = sealed::gain(study, &null, &with, true);
-            let confirmed = gain.gain > 0.0 && gain.p < level;
-            tracing::debug!(id, gain.gain, gain.error, gain.p, confirmed, "sealed");
-            let own = |r: &&mut Refitted| r.after == after && r.id == id;
-            if let Some(refit) = refits.iter_mut().find(own) {
-                refit.sealed = Some(Judged {
-                    gain: gain.gain,
-                    gain_se: gain.error,
-                    p: gain.p,
-                    confirmed,
-                });
-            }
-            Ok((gain, confirmed))
-        };
-        if let Some((id, fit)) = &round.unknown {
-            let (_, confirmed) = ask(id, fit, SEALED_LEVEL)?;
-            opened.unknown = confirmed.then_some(*id);
-            break;
-        }
-        let mut stood = None;
-        for (rank, (choice, fit)) in round.standing.iter().enumerate() {
-            let (gain, confirmed) = ask(choice.score.id, fit, SEALED_LEVEL / (rank + 1) as f64)?;
-            if confirmed {
-                stood = Some(rank);
-                opened.path.push(Step { choice, fit, gain });
-                break;
-            }
-            opened.refused |= gain.gain > 0.0 && gain.p < PERHAPS;
-        }
-        if stood != Some(0) {
-            break;
-        }
-    }
-    Ok(opened)
 }
 
 /// Whether no effect of the model has numbers of single frames.
@@ -365,7 +298,10 @@ pub fn screen_at(
 }
 
 /// The effects of these names and the capacity candidates; all that such light lets tell when none is named.
-fn chosen(names: &[String], light: Light) -> Result<Vec<&'static dyn Effect>, DiagnoseError> {
+///
+/// # Errors
+/// A name that is unknown, or of an effect that such light does not let tell.
+pub fn chosen(names: &[String], light: Light) -> Result<Vec<&'static dyn Effect>, DiagnoseError> {
     for name in names {
         let effect = effects::by_id(name).ok_or_else(|| DiagnoseError::Unknown(name.clone()))?;
         if !effect.under(light) {
@@ -386,86 +322,6 @@ fn chosen(names: &[String], light: Light) -> Result<Vec<&'static dyn Effect>, Di
 fn put_first(ranking: &mut [Ranked], evidence: &[(&'static str, f64)]) {
     let place = |id: &str| evidence.iter().position(|(other, _)| *other == id);
     ranking.sort_by_key(|r| place(r.id).unwrap_or(evidence.len()));
-}
-
-fn ranked(screen: &Screen) -> Vec<Ranked> {
-    screen
-        .scores
-        .iter()
-        .map(|s| Ranked {
-            id: s.id,
-            gain: s.gain,
-            gain_se: s.gain_se,
-            p: s.p,
-            size: s.size,
-            survival: s.survival,
-            minimum_detectable: s.minimum_detectable,
-            capacity: effects::by_id(s.id).is_some_and(|e| e.is_capacity()),
-        })
-        .collect()
-}
-
-fn finding(choice: &Choice, fit: &Fit, gain: sealed::Gain) -> Finding {
-    let score: &Score = &choice.score;
-    let beta = fit
-        .active
-        .iter()
-        .find(|a| a.effect.id() == score.id)
-        .map_or(&score.beta, |a| &a.beta);
-    let named = |values: &[f64]| -> BTreeMap<String, f64> {
-        score
-            .names
-            .iter()
-            .cloned()
-            .zip(values.iter().copied())
-            .collect()
-    };
-    let mut place = BTreeMap::new();
-    let strongest = (0..beta.len()).max_by(|&a, &b| {
-        let z = |k: usize| (beta[k] / score.standard_error[k].max(1e-12)).abs();
-        z(a).total_cmp(&z(b)).then(b.cmp(&a))
-    });
-    if let Some(k) = strongest {
-        place.insert("strongest".to_owned(), score.names[k].clone().into());
-        let mut frames: Vec<u32> = (0..beta.len())
-            .filter(|&i| (beta[i] / score.standard_error[i].max(1e-12)).abs() > 4.0)
-            .filter_map(|i| score.frames[i])
-            .collect();
-        frames.dedup();
-        if !frames.is_empty() {
-            place.insert("frames".to_owned(), frames.into());
-        }
-    }
-    Finding {
-        id: score.id,
-        parameters: named(beta),
-        standard_errors: named(&score.standard_error),
-        sealed_gain: gain.gain,
-        sealed_gain_se: gain.error,
-        p_holm: choice.p_holm,
-        survival: score.survival,
-        size: score.size,
-        minimum_detectable: score.minimum_detectable,
-        ambiguous_with: choice.ambiguous_with.clone(),
-        place,
-    }
-}
-
-/// Relative change of light and albedo, RMS.
-fn moved(before: &Fit, after: &Fit) -> BTreeMap<String, f64> {
-    let change = |a: &[f32], b: &[f32]| {
-        let square = |x: f32| f64::from(x).powi(2);
-        let top: f64 = a.iter().zip(b).map(|(a, b)| square(a - b)).sum();
-        let bottom: f64 = a.iter().map(|a| square(*a)).sum();
-        (top / bottom.max(1e-300)).sqrt()
-    };
-    BTreeMap::from([
-        (
-            "environment".to_owned(),
-            change(&before.radiance, &after.radiance),
-        ),
-        ("albedo".to_owned(), change(&before.albedo, &after.albedo)),
-    ])
 }
 
 /// Why a diagnosis could not be made.

@@ -13,7 +13,7 @@ use autodiff::{GraphError, RunError};
 
 use super::{
     chain::{Chain, ChainError, Link},
-    effects::Effect,
+    effects::{Effect, Passing},
     formation::{Formation, Parameters},
     horizon::{Horizon, Source},
     linear::dot,
@@ -43,7 +43,7 @@ pub struct Fit {
     pub lobe: Option<Lobe>,
     /// The light's sources where the model has them, and what the sites receive of them.
     pub horizon: Arc<Horizon>,
-    /// Light transport under that lobe, without occluders.
+    /// Light transport under that lobe, without occluders but those of the simulation.
     pub bare: Arc<Transport>,
     /// Image formation, occluders of the model included.
     pub formation: Formation,
@@ -83,7 +83,7 @@ impl Fit {
     pub fn start(study: &Study<'_>) -> Result<Self, FitError> {
         let lobe = study.lobe;
         let horizon = study.horizon.clone();
-        let bare = Arc::new(Transport::new(&horizon, &study.seen, lobe));
+        let bare = Arc::new(study.transport(&horizon, lobe));
         let formation = study.formation_with(bare.clone())?;
         let mut parameters = formation.zero();
         parameters.light = formation.light.like(&study.radiance);
@@ -177,10 +177,22 @@ impl Fit {
 
     /// Weights and random albedo of the present model, of the observations that `counted` names.
     pub fn precision(&self, study: &Study<'_>, counted: &dyn Fn(usize) -> bool) -> Precision {
+        self.precision_beside(study, [self, self], counted)
+    }
+
+    /// The same for a comparison with another model, by the noise that `judge` takes for the sensor's: what either of these takes for
+    /// an outlier is trusted less. Weights of one of them would forgive its own outliers and count the other's.
+    pub fn precision_beside(
+        &self,
+        study: &Study<'_>,
+        [judge, other]: [&Self; 2],
+        counted: &dyn Fn(usize) -> bool,
+    ) -> Precision {
         let views = study.seen.views.len();
         self.weighed(study, |i| {
             if counted(i / 3) {
-                self.trust[i] / (study.variance[i] * self.scale(i, views) as f32)
+                let trust = judge.trust[i].min(other.trust[i]);
+                trust / (study.variance[i] * judge.scale(i, views) as f32)
             } else {
                 0.0
             }
@@ -258,7 +270,7 @@ impl Fit {
 
     /// Light transport under the present lobe, without occluders.
     fn transport(&self, study: &Study<'_>) -> Arc<Transport> {
-        Arc::new(Transport::new(&self.horizon, &study.seen, self.lobe))
+        Arc::new(study.transport(&self.horizon, self.lobe))
     }
 
     /// The known lamps where an effect puts them.
@@ -284,15 +296,29 @@ impl Fit {
         }
     }
 
+    /// The share of light that occluders in the model let pass to each view from each source; `None` without any.
+    fn passing(&self, study: &Study<'_>) -> Option<Passing> {
+        let of = |a: &Active| a.effect.passing(&self.horizon, &study.seen, &a.beta);
+        self.active.iter().filter_map(of).reduce(|one, other| {
+            Box::new(move |view, source| one(view, source) * other(view, source))
+        })
+    }
+
+    /// What such a transport is behind the occluders of the model.
+    fn occluded(&self, study: &Study<'_>, bare: Transport) -> Transport {
+        match self.passing(study) {
+            None => bare,
+            Some(passing) => bare.masked(passing),
+        }
+    }
+
     /// Image formation with lamps and occluders as they are now.
     fn form(&mut self, study: &Study<'_>) -> Result<(), FitError> {
         self.move_lamps(study);
-        let mut transport = self.bare.clone();
-        for a in &self.active {
-            if let Some(passing) = a.effect.passing(&self.horizon, &study.seen, &a.beta) {
-                transport = Arc::new(transport.masked(passing));
-            }
-        }
+        let transport = match self.passing(study) {
+            None => self.bare.clone(),
+            Some(passing) => Arc::new(self.bare.masked(passing)),
+        };
         if !Arc::ptr_eq(&transport, self.formation.transport()) {
             self.formation = study.formation_with(transport)?;
         }
@@ -376,14 +402,20 @@ impl Fit {
 
     /// ½ rᵀ V⁻¹ r with the site's own albedo integrated out.
     fn cost(&self, study: &Study<'_>) -> f64 {
-        self.cost_by(study, self)
+        self.cost_under(study, &self.precision(study, &|i| study.develops(i)))
     }
 
-    /// The same as `judge` weighs it: costs of different models can be compared by one judge only.
-    pub fn cost_by(&self, study: &Study<'_>, judge: &Self) -> f64 {
-        let precision = judge.precision(study, &|i| study.develops(i));
+    /// The same under these weights: costs of different models can be compared by the same noise only.
+    pub fn cost_under(&self, study: &Study<'_>, precision: &Precision) -> f64 {
         let r = self.without_own_albedo(study);
         0.5 * dot(&r, &precision.apply(&r))
+    }
+
+    /// How far light, texture and lobe are from what is usual, in standard deviations, squared.
+    pub fn unusual(&self) -> f64 {
+        let numbers = self.parameters.light.iter().chain(&self.parameters.texture);
+        let lobe = self.lobe.map_or([0.0; 2], lobe::unusual);
+        numbers.chain(&lobe).map(|z| f64::from(*z).powi(2)).sum()
     }
 
     /// Residuals as if no site had an albedo of its own.

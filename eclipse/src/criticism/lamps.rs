@@ -8,8 +8,8 @@ use render::{
 
 use super::{
     horizon::{Source, arriving},
+    simulation::Simulation,
     statistics::median,
-    study::Simulation,
 };
 use crate::capture::{Capture, Frame, Lamps};
 

@@ -4,6 +4,7 @@ pub mod bounded;
 pub mod chain;
 pub mod compete;
 pub mod confined;
+pub mod confirm;
 pub mod dark;
 pub mod diagnose;
 pub mod diagnosis;
@@ -11,6 +12,7 @@ pub mod effects;
 pub mod fit;
 pub mod formation;
 pub mod frame_numbers;
+pub mod given;
 pub mod gram;
 pub mod horizon;
 pub mod lamps;
@@ -32,16 +34,18 @@ pub mod scatter;
 pub mod scene;
 pub mod score;
 pub mod sealed;
+pub mod simulation;
 pub mod split;
 pub mod statistics;
 pub mod study;
 pub mod study_scores;
+pub mod told;
 pub mod transport;
 pub mod verdict;
 
 #[doc = include_str!("guide.md")]
 pub mod guide {}
 
-pub use diagnose::{DiagnoseError, Options, Outcome, diagnose};
+pub use diagnose::{DiagnoseError, Options, Outcome, chosen, diagnose, light_of};
 pub use diagnosis::{Diagnosis, Verdict};
-pub use study::Simulation;
+pub use simulation::Simulation;

@@ -3,6 +3,7 @@
 use super::{
     diagnose::{DiagnoseError, Outcome},
     effects,
+    fit::Fit,
     frame_numbers::FrameNumbers,
     refit,
     sealed::{self, Judge, Noise},
@@ -48,10 +49,11 @@ pub fn yardstick(
     }
     // Patches alone are looked at.
     let none = FrameNumbers::none();
-    let judge = Judge::new(study, &outcome.before, Noise::Estimated);
-    let errors = |fit| judge.errors(study, fit, &none);
-    let before = errors(&outcome.before);
-    let gain = |fit| sealed::gain(study, &before, &errors(fit), false);
+    let gain = |fit: &Fit| {
+        let judge = Judge::new(study, &outcome.before, fit, Noise::Estimated);
+        let [before, after] = [&outcome.before, fit].map(|fit| judge.errors(study, fit, &none));
+        sealed::gain(study, &before, &after, false)
+    };
     let (diagnosed, told) = (gain(&outcome.after), gain(&told));
     Ok(Some(Yardstick {
         diagnosed: diagnosed.gain,

@@ -56,6 +56,17 @@ impl Precision {
         out
     }
 
+    /// What the sites' own albedos add to the logarithm of V's determinant.
+    pub fn log_determinant(&self) -> f64 {
+        let part = |site: usize, c: usize| {
+            let power = self.sum(site, c, |i| self.weight[i] * self.shading[i].powi(2));
+            (self.tau[c] * self.tau[c] * power).ln_1p()
+        };
+        (0..self.sites())
+            .map(|site| (0..3).map(|c| part(site, c)).sum::<f64>())
+            .sum()
+    }
+
     /// V^(−½) v, in place: afterwards unit noise, independent.
     pub fn whiten(&self, v: &mut [f32]) {
         v.iter_mut()
@@ -115,5 +126,11 @@ mod tests {
         let det = a * d - b * b;
         let hand = (d * v[0] - b * v[3]) / det;
         assert!((p.apply(&v)[0] - hand).abs() < 1e-5);
+        // The noise alone has a determinant of ½ · ¼ there.
+        let first = Precision {
+            tau: [0.7, 0.0, 0.0],
+            ..p
+        };
+        assert!((first.log_determinant() - (8.0 * det).ln()).abs() < 1e-5);
     }
 }

@@ -15,18 +15,22 @@ use super::{
 /// Steps of a refit: with fewer, effects that light can imitate have not parted from it.
 pub const STEPS: usize = 12;
 
+/// A stand-in's evidence over that of the best physics, from which on no physics of the table is named: it has a number for
+/// everything that physics says with few, and comes close to any truth. A third of it must be left unsaid.
+const FAR_BETTER: f64 = 1.5;
+
 /// What refits say.
 pub struct Round {
     /// The model without any effect more, refitted just as long.
     pub null: Fit,
     /// Physics whose evidence speaks for it, best first, with its model; none where more freedom does better.
     pub standing: Vec<(Choice, Fit)>,
-    /// A stand-in for physics outside the table that does better than any within, with its model.
+    /// A stand-in for physics outside the table that does far better than any within, with its model.
     pub unknown: Option<(&'static str, Fit)>,
     /// Every refit's effect and evidence, best first.
     ///
-    /// Evidence is twice a logarithm, in units of χ²: the gain over the model without the effect refitted just as long, less what
-    /// its numbers cost.
+    /// Evidence is twice a logarithm, in units of χ²: the gain over the model without the effect refitted just as long, how usual
+    /// light, texture, lobe and effects are included, less what the effect's numbers cost.
     pub evidence: Vec<(&'static str, f64)>,
 }
 
@@ -49,7 +53,6 @@ pub fn round(
     };
     let mut null = begin()?;
     null.refine(study, STEPS)?;
-    let before = null.cost_by(study, &null);
     let mut refits = Vec::new();
     for contender in contenders {
         let score = &contender.score;
@@ -57,9 +60,8 @@ pub fn round(
         let mut with = begin()?;
         with.add(effect(score.id)?, score.beta.clone());
         with.refine(study, STEPS)?;
-        let gain = 2.0 * (before - with.cost_by(study, &null)) + unusual(&null) - unusual(&with);
-        let evidence = gain - price(&with, score);
-        tracing::debug!(id = score.id, gain, evidence, "refit");
+        let evidence = gain(study, &null, &with) - price(&with, score);
+        tracing::debug!(id = score.id, evidence, "refit");
         refits.push((contender, with, evidence));
     }
     refits.sort_by(|a, b| b.2.total_cmp(&a.2));
@@ -69,15 +71,21 @@ pub fn round(
         let other = evidence.iter().find(|(other, _)| *other == id);
         other.is_some_and(|(_, e)| *e > 0.5 * most)
     };
+    let is_physics = |id: &str| effects::by_id(id).is_some_and(|e| !e.is_capacity());
+    let best = evidence.iter().find(|(id, _)| is_physics(id));
+    let physics = best.map_or(0.0, |(_, evidence)| evidence.max(0.0));
     let (mut standing, mut unknown) = (Vec::new(), None);
     for (contender, fit, own) in refits {
         if own <= 0.0 {
             break;
         }
         let known = effect(contender.score.id)?;
-        if known.stands_for_unknown() && standing.is_empty() {
-            unknown = Some((known.id(), fit));
-            break;
+        if known.stands_for_unknown() {
+            if own > FAR_BETTER * physics {
+                unknown = Some((known.id(), fit));
+                break;
+            }
+            continue;
         }
         if known.is_capacity() {
             // More freedom for what the model has already explains it better than whatever follows.
@@ -103,8 +111,22 @@ fn effect(id: &str) -> Result<&'static dyn effects::Effect, DiagnoseError> {
     effects::by_id(id).ok_or_else(|| DiagnoseError::Unknown(id.to_owned()))
 }
 
+/// Twice the difference of the logarithms of both models' probabilities, by one noise; how much sites' albedos scatter is each
+/// model's own, so that its determinant counts.
+fn gain(study: &Study<'_>, null: &Fit, with: &Fit) -> f64 {
+    let unlikely = |fit: &Fit| {
+        let precision = fit.precision_beside(study, [null, with], &|i| study.develops(i));
+        let misfit = 2.0 * fit.cost_under(study, &precision) + precision.log_determinant();
+        let (unusual, effects) = (fit.unusual(), effects_unusual(fit));
+        let (inflation, tau, lobe) = (fit.inflation, fit.tau, fit.lobe);
+        tracing::debug!(misfit, unusual, effects, inflation, ?tau, ?lobe, "compared");
+        misfit + unusual + effects
+    };
+    unlikely(null) - unlikely(with)
+}
+
 /// How far the effects' numbers are from what is usual, in standard deviations, squared.
-fn unusual(fit: &Fit) -> f64 {
+fn effects_unusual(fit: &Fit) -> f64 {
     let numbers = fit.active.iter().filter_map(|active| {
         let link = fit.link(active.effect.id())?;
         Some(link.terms.iter().zip(&active.beta))

@@ -18,7 +18,7 @@ const REACHES: f32 = 1e-4;
 /// Whose noise errors are measured by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Noise {
-    /// As wide as the judge's own residuals, outliers trusted less: for comparisons.
+    /// As wide as the judge's own residuals, outliers of either model trusted less: for comparisons.
     Estimated,
     /// The sensor's alone: for χ².
     Sensor,
@@ -64,12 +64,12 @@ pub struct Gain {
 }
 
 impl Judge {
-    /// The noise and the texture of `fit`.
-    pub fn new(study: &Study<'_>, fit: &Fit, noise: Noise) -> Self {
+    /// The noise and the texture of `fit`, which is compared with `other`.
+    pub fn new(study: &Study<'_>, fit: &Fit, other: &Fit, noise: Noise) -> Self {
         let precision = |role: Role| {
             let counted = |i: usize| study.role[i] == role;
             match noise {
-                Noise::Estimated => fit.precision(study, &counted),
+                Noise::Estimated => fit.precision_beside(study, [fit, other], &counted),
                 Noise::Sensor => fit.plain_precision(study, &counted),
             }
         };

@@ -1,154 +1,21 @@
 //! A capture and its simulation, prepared to be compared.
 
-use std::{
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use std::sync::Arc;
 
 use render::{bvh::Bvh, image::Image, lat_long::LatLong, mesh::MeshError};
 
 use super::{
     fit::FitError,
     formation::{Bumps, Formation},
+    given::Given,
     horizon::{Horizon, Source},
     light::LightModel,
     observe::Observations,
+    simulation::Simulation,
     split::{Role, dark_role, role},
     transport::{Lobe, Transport},
 };
-use crate::{
-    capture::{Capture, Frame},
-    files::read_limited,
-    image_io::{self, ExrFile, ImageIoError},
-    layout,
-    reconstruct::noise,
-    reconstruction::{Noise, Reconstruction},
-};
-
-/// Largest `settings.json`.
-const MAX_SETTINGS: u64 = 1 << 20;
-
-/// What of a reconstruction a diagnosis starts from.
-#[derive(Clone, Debug)]
-pub struct Simulation {
-    /// Radiance, equirectangular, three channels; where lamps are known, one row with what each of them has.
-    pub environment: Image,
-    /// The lobe; `None` for Lambertian surfaces.
-    pub lobe: Option<Lobe>,
-    /// The photographs as it renders them.
-    pub renders: Vec<Image>,
-    /// What each frame's occluder lets through, if it has occluders.
-    pub occluders: Vec<Image>,
-}
-
-impl Simulation {
-    /// Of a reconstruction in memory.
-    pub fn of(reconstruction: &Reconstruction) -> Self {
-        Self {
-            environment: reconstruction.environment.clone(),
-            lobe: lobe_or_usual(
-                &reconstruction.materials,
-                reconstruction.settings.lambertian,
-            ),
-            renders: reconstruction.renders.clone(),
-            occluders: reconstruction.occluders.clone(),
-        }
-    }
-
-    /// Of the folder that `reconstruct` wrote for this capture.
-    ///
-    /// # Errors
-    /// A file that is missing, damaged or of another capture.
-    pub fn load(folder: &Path, capture: &Capture) -> Result<Self, SimulationError> {
-        let frames = capture.frames.len();
-        let numbered = |name: &str, t: usize| folder.join(name).join(layout::numbered(t));
-        let found = (0..)
-            .take_while(|t| numbered(layout::RENDERS, *t).is_file())
-            .count();
-        if found != frames {
-            return Err(SimulationError::Count {
-                path: folder.join(layout::RENDERS),
-                found,
-                expected: frames,
-            });
-        }
-        let render = |(t, frame): (usize, &Frame)| {
-            let path = numbered(layout::RENDERS, t);
-            let render = image_io::read_exr(&path)?.to_rgb();
-            let size = |image: &Image| [image.width, image.height];
-            let (found, expected) = (size(&render), size(&frame.image));
-            if found != expected {
-                return Err(SimulationError::Size {
-                    path,
-                    found,
-                    expected,
-                });
-            }
-            Ok(render)
-        };
-        let renders = capture.frames.iter().enumerate().map(render);
-        let renders = renders.collect::<Result<_, _>>()?;
-        let materials: Vec<Image> = (0..frames)
-            .map(|t| {
-                Ok(materials_of(&image_io::read_exr_file(&numbered(
-                    layout::MATERIALS,
-                    t,
-                ))?))
-            })
-            .collect::<Result<_, ImageIoError>>()?;
-        // A run without occluders leaves none.
-        let occluders = if numbered(layout::OCCLUDERS, 0).is_file() {
-            (0..frames)
-                .map(|t| image_io::read_exr(&numbered(layout::OCCLUDERS, t)))
-                .collect::<Result<_, _>>()?
-        } else {
-            Vec::new()
-        };
-        Ok(Self {
-            environment: image_io::read_exr(&folder.join(layout::ENVIRONMENT))?.to_rgb(),
-            lobe: lobe_or_usual(&materials, is_lambertian(folder)),
-            renders,
-            occluders,
-        })
-    }
-}
-
-/// The mean lobe of material images (`R G B alpha kappa`), where they hold an object that has one.
-pub fn lobe_of(materials: &[Image]) -> Option<Lobe> {
-    let (mut alpha, mut kappa, mut count) = (0.0f64, 0.0f64, 0u64);
-    for image in materials.iter().filter(|image| image.channels == 5) {
-        for pixel in image.data.chunks_exact(5) {
-            if pixel[3] > 0.0 && pixel[..3].iter().any(|&a| a > 0.0) {
-                alpha += f64::from(pixel[3]);
-                kappa += f64::from(pixel[4]);
-                count += 1;
-            }
-        }
-    }
-    let (alpha, kappa) = (alpha / count as f64, kappa / count as f64);
-    (count > 0 && kappa > 1e-6).then_some(Lobe {
-        alpha: alpha as f32,
-        kappa: kappa as f32,
-    })
-}
-
-/// The lobe of materials, or the usual one where a solver that was free to find one ended before it did: such a lobe is a part
-/// of the model, not of the physics it lacks.
-fn lobe_or_usual(materials: &[Image], lambertian: bool) -> Option<Lobe> {
-    if lambertian {
-        return None;
-    }
-    Some(lobe_of(materials).unwrap_or(Lobe::USUAL))
-}
-
-/// Whether the reconstruction in a folder was told that the surface is Lambertian; `false` where it does not say.
-fn is_lambertian(folder: &Path) -> bool {
-    read_limited(&folder.join(layout::SETTINGS), MAX_SETTINGS)
-        .ok()
-        .and_then(|bytes| serde_json::from_slice::<serde_json::Value>(&bytes).ok())
-        .and_then(|settings| settings.get("lambertian")?.as_bool())
-        .unwrap_or(false)
-}
+use crate::{capture::Capture, reconstruct::noise, reconstruction::Noise};
 
 /// What does not change during a diagnosis.
 pub struct Study<'a> {
@@ -179,6 +46,7 @@ pub struct Study<'a> {
     /// Radius of the object.
     pub radius: f32,
     texture: Arc<Bumps>,
+    given: Option<Given>,
 }
 
 impl<'a> Study<'a> {
@@ -248,9 +116,19 @@ impl<'a> Study<'a> {
             renders,
             radius: capture.mesh.bounding_radius(),
             texture: Arc::new(Bumps::texture(&positions)),
+            given: Given::new(&simulation.occluders),
             seen,
             bvh,
         })
+    }
+
+    /// Light transport to every view behind the occluders that the simulation has, if any.
+    pub fn transport(&self, horizon: &Horizon, lobe: Option<Lobe>) -> Transport {
+        let transport = Transport::new(horizon, &self.seen, lobe);
+        match &self.given {
+            None => transport,
+            Some(given) => transport.masked(given.passing(horizon, &self.seen)),
+        }
     }
 
     /// What the sites receive of known lamps at other places.
@@ -355,37 +233,6 @@ fn cut_out(capture: &Capture, renders: &[Image]) -> Result<Vec<Image>, StudyErro
     Ok(renders)
 }
 
-/// Why a reconstruction cannot be what a diagnosis starts from.
-#[derive(Debug, thiserror::Error)]
-pub enum SimulationError {
-    /// An image cannot be read.
-    #[error(transparent)]
-    Image(#[from] ImageIoError),
-    /// Renders of other photographs.
-    #[error("{} holds {found} renders, but the capture has {expected} frames: name the folder that reconstruct wrote for this capture", path.display())]
-    Count {
-        /// Their folder.
-        path: PathBuf,
-        /// How many there are.
-        found: usize,
-        /// How many frames the capture has.
-        expected: usize,
-    },
-    /// A render of another size than its photograph.
-    #[error(
-        "{} has {} × {} pixels, but the photograph {} × {}: name the folder that reconstruct wrote for this capture",
-        path.display(), found[0], found[1], expected[0], expected[1]
-    )]
-    Size {
-        /// The file.
-        path: PathBuf,
-        /// Its pixels across and down.
-        found: [usize; 2],
-        /// The photograph's.
-        expected: [usize; 2],
-    },
-}
-
 /// Why a capture cannot be diagnosed.
 #[derive(Debug, thiserror::Error)]
 pub enum StudyError {
@@ -406,24 +253,4 @@ pub enum StudyError {
         /// How many.
         views: usize,
     },
-}
-
-/// A material image from its file, channels in the order of [`layout::MATERIAL_CHANNELS`].
-fn materials_of(file: &ExrFile) -> Image {
-    let channels: Vec<Option<usize>> = layout::MATERIAL_CHANNELS
-        .iter()
-        .map(|name| file.channel_names.iter().position(|n| n == name))
-        .collect();
-    let image = &file.image;
-    let mut out = Image::filled(image.width, image.height, 5, 0.0);
-    for (target, source) in out
-        .data
-        .chunks_exact_mut(5)
-        .zip(image.data.chunks_exact(image.channels))
-    {
-        for (t, channel) in target.iter_mut().zip(&channels) {
-            *t = channel.map_or(0.0, |c| source[c]);
-        }
-    }
-    out
 }

@@ -15,8 +15,9 @@ use super::{
 use crate::{
     capture::{self, CaptureError},
     files::read_limited,
-    image_io::{read_exr, read_exr_file, read_image},
+    image_io::{EnvironmentOptions, read_environment, read_exr, read_exr_file, read_image},
     layout,
+    reconstruction::Metrics,
 };
 
 /// Coverage from which a pixel counts as the object's: half floats round 1 no further than this.
@@ -29,7 +30,7 @@ const MAX_JSON: u64 = 1 << 26;
 /// # Errors
 /// A file that is missing or cannot be read.
 pub fn estimate(folder: &Path) -> Result<Estimate, EvaluateError> {
-    let environment = read_exr(&folder.join(layout::ENVIRONMENT))?.to_rgb();
+    let environment = environment(&folder.join(layout::ENVIRONMENT))?;
     let mut materials = Vec::new();
     for path in images(&folder.join(layout::MATERIALS), "")? {
         let file = read_exr_file(&path)?;
@@ -43,7 +44,7 @@ pub fn estimate(folder: &Path) -> Result<Estimate, EvaluateError> {
         .iter()
         .map(|path| read_exr(path).map(|mask| first_channel(&mask)))
         .collect::<Result<_, _>>()?;
-    let metrics = json(&folder.join(layout::METRICS))?.unwrap_or_default();
+    let metrics = json(&folder.join(layout::METRICS), parse_metrics)?.unwrap_or_default();
     Ok(Estimate {
         environment,
         occluders,
@@ -57,8 +58,8 @@ pub fn estimate(folder: &Path) -> Result<Estimate, EvaluateError> {
 /// # Errors
 /// A file that cannot be read, or a folder without any truth.
 pub fn truth(folder: &Path) -> Result<Truth, EvaluateError> {
-    let environment = optional(&folder.join("environment.exr"))?.map(|map| map.to_rgb());
-    let occluders = optional(&folder.join("occluders.exr"))?;
+    let environment = optional(&folder.join(layout::ENVIRONMENT), environment)?;
+    let occluders = optional(&folder.join("occluders.exr"), |path| Ok(read_exr(path)?))?;
     let occluders = occluders.map(|stack| unstack(&first_channel(&stack)));
     let images = images(folder, "albedo_")?;
     let coverage = match images.is_empty() {
@@ -76,25 +77,36 @@ pub fn truth(folder: &Path) -> Result<Truth, EvaluateError> {
             object,
         });
     }
-    let scene: Option<Scene> = json(&folder.join("truth.json"))?;
-    if environment.is_none() && occluders.is_none() && albedo.is_empty() && scene.is_none() {
+    let specular = json(&folder.join("truth.json"), parse_specular)?;
+    if environment.is_none() && occluders.is_none() && albedo.is_empty() && specular.is_none() {
         return Err(EvaluateError::NoTruth {
             path: folder.to_owned(),
         });
     }
-    let specular = scene.filter(|scene| scene.bsdf != "lambert");
-    let specular = specular.and_then(|scene| {
-        Some(Specular {
-            alpha: scene.alpha?,
-            kappa: scene.kappa?,
-        })
-    });
     Ok(Truth {
         environment,
         occluders,
         albedo,
-        specular,
+        specular: specular.flatten(),
     })
+}
+
+/// Parses a run's `metrics.json`; `path` only names it in errors.
+///
+/// # Errors
+/// [`EvaluateError::Json`] says what is wrong where.
+pub fn parse_metrics(bytes: &[u8], path: &Path) -> Result<Metrics, EvaluateError> {
+    parse(bytes, path)
+}
+
+/// The specular lobe of a `truth.json`, if there is one; `path` only names it in errors.
+///
+/// # Errors
+/// As [`parse_metrics`].
+pub fn parse_specular(bytes: &[u8], path: &Path) -> Result<Option<Specular>, EvaluateError> {
+    let Scene { bsdf, alpha, kappa } = parse(bytes, path)?;
+    let specular = alpha.zip(kappa).filter(|_| bsdf != "lambert");
+    Ok(specular.map(|(alpha, kappa)| Specular { alpha, kappa }))
 }
 
 /// The scalars of `truth.json` that are compared.
@@ -184,28 +196,38 @@ fn first_channel(image: &Image) -> Image {
     }
 }
 
-fn optional(path: &Path) -> Result<Option<Image>, EvaluateError> {
-    if path.exists() {
-        Ok(Some(read_exr(path)?))
-    } else {
-        Ok(None)
-    }
+/// A map of light in our convention, whichever its file names.
+fn environment(path: &Path) -> Result<Image, EvaluateError> {
+    let map = read_environment(path, &EnvironmentOptions::default())?;
+    Ok(map.image().clone())
 }
 
-fn json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, EvaluateError> {
+/// What `read` makes of a file, if it is there.
+fn optional<T>(
+    path: &Path,
+    read: impl FnOnce(&Path) -> Result<T, EvaluateError>,
+) -> Result<Option<T>, EvaluateError> {
+    path.exists().then(|| read(path)).transpose()
+}
+
+/// What `parse` makes of a text file, if it is there.
+fn json<T>(
+    path: &Path,
+    parse: impl FnOnce(&[u8], &Path) -> Result<T, EvaluateError>,
+) -> Result<Option<T>, EvaluateError> {
     match read_limited(path, MAX_JSON) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
         Err(source) => Err(EvaluateError::Read {
             path: path.to_owned(),
             source,
         }),
-        Ok(bytes) => {
-            serde_json::from_slice(&bytes)
-                .map(Some)
-                .map_err(|source| EvaluateError::Json {
-                    path: path.to_owned(),
-                    source,
-                })
-        }
+        Ok(bytes) => parse(&bytes, path).map(Some),
     }
+}
+
+fn parse<T: DeserializeOwned>(bytes: &[u8], path: &Path) -> Result<T, EvaluateError> {
+    serde_json::from_slice(bytes).map_err(|source| EvaluateError::Json {
+        path: path.to_owned(),
+        source,
+    })
 }

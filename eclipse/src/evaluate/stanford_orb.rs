@@ -88,6 +88,19 @@ pub enum StanfordOrbError {
         /// What was asked for.
         wanted: String,
     },
+    /// A name that leads out of the benchmark's folder, or to nothing.
+    #[error(
+        "{}: `{field}` is {name:?}; expected a path of folders' and files' own names that stays in the benchmark's folder, such as \
+         test/0003 or cup_scene002: correct it, or take the benchmark's own file", path.display()
+    )]
+    Outside {
+        /// The file that lists the frames.
+        path: PathBuf,
+        /// The field.
+        field: &'static str,
+        /// What it holds.
+        name: String,
+    },
     /// A file that the layout promises is not there.
     #[error("{what} of view {view:?} is missing: expected {}; {remedy}", path.display())]
     Missing {

@@ -4,6 +4,7 @@
 
 mod color;
 mod environment;
+mod header;
 mod openexr;
 mod raster;
 
@@ -18,13 +19,15 @@ use crate::files::{atomic, read_limited};
 
 pub use color::{ColorEncoding, linear_to_srgb, srgb_to_linear};
 pub use environment::{EnvironmentIoError, EnvironmentOptions, Rows, read_environment};
+pub use header::{ImageSize, read_size};
 pub use openexr::{ExrFile, ExrOptions, Precision, decode_exr, encode_exr};
 pub use raster::{decode_raster, encode_png8};
 
 /// Widest or highest image that is read, in pixels.
 pub const MAX_SIDE: usize = 1 << 16;
-/// Largest image that is read, in samples (pixels × channels): 2 GiB as floats.
-pub const MAX_SAMPLES: usize = 1 << 29;
+/// Largest image that is read, in samples (pixels × channels): an environment of 16 384 × 8 192 pixels and three channels,
+/// 1.5 GiB as floats.
+pub const MAX_SAMPLES: usize = 3 << 27;
 /// Largest image file that is read, in bytes.
 pub const MAX_FILE: u64 = 1 << 31;
 
@@ -158,6 +161,24 @@ pub enum ImageIoError {
         height: usize,
         /// Declared values per pixel.
         channels: usize,
+    },
+    /// An EXR file that is nearly all margin.
+    #[error(
+        "{} has a display window of {width} × {height} pixels, {shown} values of which {stored} are stored; a window of that size \
+         is read where at least a sixteenth of it is: crop the display window to the picture, or store all of it",
+        path.display()
+    )]
+    Window {
+        /// The file.
+        path: PathBuf,
+        /// Pixels across the display window.
+        width: usize,
+        /// Pixels down the display window.
+        height: usize,
+        /// Samples in the display window.
+        shown: usize,
+        /// Samples in the data windows.
+        stored: usize,
     },
     /// An EXR file without colour channels.
     #[error("{} has the channels {found}, but R, G, B (and A) or Y are expected: export it as an RGB image", path.display())]

@@ -1,6 +1,10 @@
 //! OpenEXR, by the `exr` crate.
 
-use std::{collections::BTreeMap, io::Cursor, path::Path};
+use std::{
+    collections::BTreeMap,
+    io::{Cursor, Read},
+    path::Path,
+};
 
 use exr::{
     meta::MetaData,
@@ -12,10 +16,16 @@ use exr::{
 };
 use render::image::Image;
 
-use super::{ImageIoError, check_size};
+use super::{ImageIoError, check_size, header::ImageSize};
 
 /// The first bytes of every OpenEXR file.
 pub(super) const MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
+
+/// A display window of at most this many samples is read whatever part of it holds data: 256 MiB as floats.
+const SMALL_WINDOW: usize = 1 << 26;
+/// How many times the data a larger display window may be: renders of a part of the picture and cropped layers are, but a
+/// window of gigabytes around one pixel is a trap.
+const LARGEST_MARGIN: usize = 16;
 
 /// The first layer of an OpenEXR file.
 #[derive(Clone, Debug, PartialEq)]
@@ -111,17 +121,7 @@ pub fn decode_exr(bytes: &[u8], path: &Path) -> Result<ExrFile, ImageIoError> {
         reason,
     };
     let fail = |error: exr::error::Error| damaged(error.to_string());
-    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(fail)?;
-    let mut samples = 0_usize;
-    for header in &meta.headers {
-        let Vec2(width, height) = header.layer_size;
-        check_size(path, width, height, header.channels.list.len())?;
-        samples = samples.saturating_add(width * height * header.channels.list.len());
-        let Vec2(width, height) = header.shared_attributes.display_window.size;
-        check_size(path, width, height, header.channels.list.len())?;
-    }
-    // Every layer is decoded: their sum is bounded as well.
-    check_size(path, 1, 1, samples)?;
+    size(Cursor::new(bytes), path)?;
     let file = exr_image::read()
         .no_deep_data()
         .largest_resolution_level()
@@ -168,6 +168,46 @@ pub fn decode_exr(bytes: &[u8], path: &Path) -> Result<ExrFile, ImageIoError> {
         image,
         channel_names,
         metadata,
+    })
+}
+
+/// The size of the image whose header `source` begins with, checked before anything is allocated for it.
+pub(super) fn size(source: impl Read, path: &Path) -> Result<ImageSize, ImageIoError> {
+    let damaged = |reason: String| ImageIoError::Decode {
+        path: path.into(),
+        reason,
+    };
+    let meta =
+        MetaData::read_from_buffered(source, false).map_err(|error| damaged(error.to_string()))?;
+    let (mut stored, mut shown) = (0_usize, 0);
+    for header in &meta.headers {
+        let channels = header.channels.list.len();
+        let Vec2(width, height) = header.layer_size;
+        check_size(path, width, height, channels)?;
+        stored = stored.saturating_add(width * height * channels);
+        let Vec2(width, height) = header.shared_attributes.display_window.size;
+        check_size(path, width, height, channels)?;
+        shown = shown.max(width * height * channels);
+    }
+    // Every layer is decoded: their sum is bounded as well.
+    check_size(path, 1, 1, stored)?;
+    let Some(first) = meta.headers.first() else {
+        return Err(damaged("it has no layer".into()));
+    };
+    let Vec2(width, height) = first.shared_attributes.display_window.size;
+    if shown > SMALL_WINDOW && shown / LARGEST_MARGIN > stored {
+        return Err(ImageIoError::Window {
+            path: path.into(),
+            width,
+            height,
+            shown,
+            stored,
+        });
+    }
+    Ok(ImageSize {
+        width,
+        height,
+        samples: stored.max(shown),
     })
 }
 

@@ -1,6 +1,9 @@
 //! PNG, JPEG and Radiance HDR, by the `image` crate.
 
-use std::{io::Cursor, path::Path};
+use std::{
+    io::{BufRead, Cursor, Seek},
+    path::Path,
+};
 
 use image::{
     DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageReader, Limits,
@@ -8,7 +11,10 @@ use image::{
 };
 use render::image::Image;
 
-use super::{ColorEncoding, ImageIoError, MAX_SAMPLES, MAX_SIDE, check_size, color::decode_srgb};
+use super::{
+    ColorEncoding, ImageIoError, MAX_SAMPLES, MAX_SIDE, check_size, color::decode_srgb,
+    header::ImageSize,
+};
 
 /// Decodes a PNG, JPEG or Radiance HDR image to linear values with 1 to 4 channels; `path` only names it in errors.
 ///
@@ -18,11 +24,37 @@ pub fn decode_raster(
     path: &Path,
     encoding: Option<ColorEncoding>,
 ) -> Result<Image, ImageIoError> {
+    let (decoder, _) = checked_decoder(Cursor::new(bytes), path)?;
+    let decoded = DynamicImage::from_decoder(decoder).map_err(|error| ImageIoError::Decode {
+        path: path.into(),
+        reason: error.to_string(),
+    })?;
+    let default = match decoded {
+        DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_) => ColorEncoding::Linear,
+        _ => ColorEncoding::Srgb,
+    };
+    let mut image = floats(decoded);
+    if encoding.unwrap_or(default) == ColorEncoding::Srgb {
+        decode_srgb(&mut image);
+    }
+    Ok(image)
+}
+
+/// The size of the image whose header `source` begins with.
+pub(super) fn size(source: impl BufRead + Seek, path: &Path) -> Result<ImageSize, ImageIoError> {
+    checked_decoder(source, path).map(|(_, size)| size)
+}
+
+/// A decoder that has read the header of an image and refused what is too large, and the size.
+fn checked_decoder<'a>(
+    source: impl BufRead + Seek + 'a,
+    path: &Path,
+) -> Result<(impl ImageDecoder + 'a, ImageSize), ImageIoError> {
     let fail = |reason: String| ImageIoError::Decode {
         path: path.into(),
         reason,
     };
-    let mut reader = ImageReader::new(Cursor::new(bytes))
+    let mut reader = ImageReader::new(source)
         .with_guessed_format()
         .map_err(|error| fail(error.to_string()))?;
     let mut limits = Limits::default();
@@ -34,22 +66,15 @@ pub fn decode_raster(
         .into_decoder()
         .map_err(|error| fail(error.to_string()))?;
     let (width, height) = decoder.dimensions();
-    check_size(
-        path,
-        width as usize,
-        height as usize,
-        decoder.color_type().channel_count().into(),
-    )?;
-    let decoded = DynamicImage::from_decoder(decoder).map_err(|error| fail(error.to_string()))?;
-    let default = match decoded {
-        DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_) => ColorEncoding::Linear,
-        _ => ColorEncoding::Srgb,
+    let (width, height) = (width as usize, height as usize);
+    let channels = decoder.color_type().channel_count().into();
+    check_size(path, width, height, channels)?;
+    let size = ImageSize {
+        width,
+        height,
+        samples: width * height * channels,
     };
-    let mut image = floats(decoded);
-    if encoding.unwrap_or(default) == ColorEncoding::Srgb {
-        decode_srgb(&mut image);
-    }
-    Ok(image)
+    Ok((decoder, size))
 }
 
 /// Encodes values in [0, 1] as an 8-bit PNG of 1, 3 or 4 channels; `path` only names it in errors.

@@ -180,13 +180,9 @@ pub struct RunInspection {
 /// A capture that cannot be read.
 pub fn inspect(
     path: &Path,
-    mesh: Option<&Path>,
+    options: LoadOptions,
     settings: &Settings,
 ) -> Result<(Inspection, Capture), CaptureError> {
-    let options = LoadOptions {
-        mesh: mesh.map(Path::to_path_buf),
-        ..LoadOptions::default()
-    };
     let source = Capture::describe(path, &options)?;
     let (capture, problem) = match Capture::load(path, &options) {
         Ok(capture) => (capture, None),

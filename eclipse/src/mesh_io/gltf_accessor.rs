@@ -65,6 +65,11 @@ impl Buffers {
             })
     }
 
+    /// Refuses an accessor that its buffer does not hold, before anything is stored for it.
+    pub fn check(&self, accessor: &Accessor) -> Result<(), MeshParseError> {
+        self.elements(accessor).map(drop)
+    }
+
     /// The bytes of each element, checked against the buffer.
     fn elements<'a>(
         &'a self,

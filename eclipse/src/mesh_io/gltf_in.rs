@@ -5,34 +5,38 @@ use glam::{Mat3, Mat4, Vec2, Vec3};
 use gltf::{Document, Node, Primitive, Semantic, buffer, json::Root, mesh::Mode};
 use render::mesh::Mesh;
 
-use super::{MeshParseError, gltf_accessor::Buffers, raw::RawMesh};
+use super::{MAX_FILE, MeshParseError, gltf_accessor::Buffers, raw::RawMesh};
 
 /// Deepest nesting of nodes that is followed.
 const MAX_DEPTH: usize = 256;
 
 /// Parses a self-contained glTF file, binary or JSON (buffers embedded as data URIs).
 pub fn parse_glb(bytes: &[u8]) -> Result<Mesh, MeshParseError> {
-    parse_gltf(bytes, &mut |uri| {
-        Err(format!(
-            "its buffer {uri:?} is another file, but a self-contained one is expected"
-        ))
-    })
+    parse_gltf(bytes, &mut nothing_else)
 }
 
-/// Parses a glTF file, binary or JSON; `load` fetches the buffers that it names by relative path.
-pub fn parse_gltf(
-    bytes: &[u8],
-    load: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>,
-) -> Result<Mesh, MeshParseError> {
+/// Fetches the buffer of this relative path, of at most so many bytes.
+pub type Load<'a> = dyn FnMut(&str, u64) -> Result<Vec<u8>, String> + 'a;
+
+/// No other file, for what must be self-contained.
+pub(super) fn nothing_else(uri: &str, _most: u64) -> Result<Vec<u8>, String> {
+    Err(format!(
+        "its buffer {uri:?} is another file, but a self-contained one is expected"
+    ))
+}
+
+/// Parses a glTF file, binary or JSON; `load` fetches the buffers that it names by relative path, of at most so many bytes.
+///
+/// # Errors
+/// [`MeshParseError`]; among others for buffers of more than [`MAX_FILE`] bytes together, however small the file that names
+/// them again and again.
+pub fn parse_gltf(bytes: &[u8], load: &mut Load<'_>) -> Result<Mesh, MeshParseError> {
     let (document, buffers) = open(bytes, load)?;
     mesh_of(&document, buffers)
 }
 
 /// The checked document and its buffers.
-pub(super) fn open(
-    bytes: &[u8],
-    load: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>,
-) -> Result<(Document, Buffers), MeshParseError> {
+pub(super) fn open(bytes: &[u8], load: &mut Load) -> Result<(Document, Buffers), MeshParseError> {
     let (json, blob) = split_glb(bytes)?;
     let mut root = Root::from_slice(json).map_err(|error| syntax(format!("its JSON: {error}")))?;
     // What only concerns looks can be done without.
@@ -55,11 +59,8 @@ pub(super) fn open(
         )));
     }
     let document = Document::from_json(root).map_err(|error| syntax(error.to_string()))?;
-    let buffers = document
-        .buffers()
-        .map(|buffer| fetch(&buffer, blob, load))
-        .collect::<Result<Vec<_>, _>>()?;
-    Ok((document, Buffers(buffers)))
+    let buffers = fetch_all(&document, blob, load, MAX_FILE)?;
+    Ok((document, buffers))
 }
 
 /// The triangles of the default scene.
@@ -138,13 +139,47 @@ fn split_glb(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), MeshParseError> {
     ))
 }
 
-/// The bytes of a buffer.
+/// All buffers, of at most `most` bytes together: a file of a few kilobytes may name one of gigabytes a thousand times.
+fn fetch_all(
+    document: &Document,
+    blob: Option<&[u8]>,
+    load: &mut Load,
+    most: u64,
+) -> Result<Buffers, MeshParseError> {
+    let mut left = most;
+    let mut buffers = Vec::new();
+    for buffer in document.buffers() {
+        let rest = |length: usize| {
+            left.checked_sub(length as u64)
+                .ok_or(MeshParseError::TooLarge {
+                    what: "bytes of buffers",
+                    most,
+                })
+        };
+        // What is declared is refused before it is read.
+        rest(buffer.length())?;
+        let data = fetch(&buffer, blob, load, left)?;
+        left = rest(data.len())?;
+        buffers.push(data);
+    }
+    Ok(Buffers(buffers))
+}
+
+/// The bytes of a buffer, of a file at most `left` of them.
 fn fetch(
     buffer: &buffer::Buffer,
     blob: Option<&[u8]>,
-    load: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>,
+    load: &mut Load,
+    left: u64,
 ) -> Result<Vec<u8>, MeshParseError> {
     let data = match buffer.source() {
+        // The format has one binary chunk, for the first buffer.
+        buffer::Source::Bin if buffer.index() > 0 => {
+            return Err(syntax(format!(
+                "its buffer {} has no `uri`, which only the first may do without",
+                buffer.index()
+            )));
+        }
         buffer::Source::Bin => blob
             .ok_or_else(|| syntax("it has no binary chunk".into()))?
             .to_vec(),
@@ -157,7 +192,7 @@ fn fetch(
                     .decode(encoded)
                     .map_err(|error| syntax(format!("an embedded buffer: {error}")))?
             }
-            None => load(&percent_decoded(uri)).map_err(syntax)?,
+            None => load(&percent_decoded(uri), left).map_err(syntax)?,
         },
     };
     if data.len() < buffer.length() {
@@ -233,6 +268,19 @@ impl Reader {
         }
         let base = self.raw.positions.len();
         let count = positions.count();
+        let corners = primitive.indices().map_or(count, |indices| indices.count());
+        let faces = match mode {
+            Mode::Triangles => corners / 3,
+            _ => corners.saturating_sub(2),
+        };
+        // Nodes and primitives may share their data, so that a small file can ask for any number of faces.
+        for accessor in [Some(&positions), primitive.indices().as_ref()]
+            .into_iter()
+            .flatten()
+        {
+            self.buffers.check(accessor)?;
+        }
+        self.raw.room(count, faces)?;
         let positions = self.buffers.floats::<3>(&positions)?;
         let indices = match primitive.indices() {
             Some(accessor) => self.buffers.indices(&accessor)?,
@@ -246,9 +294,6 @@ impl Reader {
             .get(&Semantic::TexCoords(0))
             .map(|accessor| self.buffers.floats::<2>(&accessor))
             .transpose()?;
-        if base + count > u32::MAX as usize {
-            return Err(MeshParseError::Unsupported("more than 2³² vertices".into()));
-        }
         for other in [normals.as_ref().map(Vec::len), uvs.as_ref().map(Vec::len)]
             .into_iter()
             .flatten()
@@ -322,4 +367,51 @@ impl Reader {
 /// From glTF's y up to z up: (x, y, z) here is (x, z, −y) there.
 fn z_up(v: Vec3) -> Vec3 {
     Vec3::new(v.x, -v.z, v.y)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn document(json: &str) -> Document {
+        Document::from_json(Root::from_slice(json.as_bytes()).unwrap()).unwrap()
+    }
+
+    fn message<T>(result: Result<T, MeshParseError>) -> String {
+        result.err().expect("a file that is refused").to_string()
+    }
+
+    #[test]
+    fn only_the_first_buffer_is_the_binary_chunk() {
+        let json = r#"{"asset":{"version":"2.0"},"buffers":[{"byteLength":4},{"byteLength":4}]}"#;
+        let found = fetch_all(&document(json), Some(b"four"), &mut nothing_else, 100);
+        let found = message(found);
+        assert!(found.contains("its buffer 1 has no `uri`"), "{found}");
+    }
+
+    #[test]
+    fn one_file_that_is_named_many_times_counts_as_often() {
+        let buffer = r#"{"byteLength":30,"uri":"large.bin"}"#;
+        let json = format!(
+            r#"{{"asset":{{"version":"2.0"}},"buffers":[{buffer},{buffer},{buffer},{buffer}]}}"#
+        );
+        let mut asked = Vec::new();
+        let mut load = |_: &str, most: u64| {
+            asked.push(most);
+            Ok(vec![0; 40])
+        };
+        let found = message(fetch_all(&document(&json), None, &mut load, 100));
+        // The third would have room by what it declares, were the file no longer than that.
+        assert_eq!(asked, [100, 60]);
+        assert!(
+            found.contains("has more than 100 bytes of buffers"),
+            "{found}"
+        );
+
+        let json = r#"{"asset":{"version":"2.0"},"buffers":[{"byteLength":5,"uri":"small.bin"}]}"#;
+        let found = fetch_all(&document(json), None, &mut |_, _| Ok(vec![0; 7]), 6);
+        assert!(message(found).contains("has more than 6 bytes of buffers"));
+        let found = fetch_all(&document(json), None, &mut |_, _| Ok(vec![0; 7]), 7).unwrap();
+        assert_eq!(found.0, [[0; 7]]);
+    }
 }

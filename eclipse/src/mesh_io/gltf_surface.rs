@@ -9,7 +9,7 @@ use render::{image::Image, mesh::Mesh};
 use super::{
     MeshParseError,
     gltf_accessor::Buffers,
-    gltf_in::{mesh_of, open, syntax},
+    gltf_in::{mesh_of, nothing_else, open, syntax},
 };
 use crate::{
     image_io::{ColorEncoding, decode_raster},
@@ -76,11 +76,7 @@ fn lookup(map: &Image, uv: Vec2) -> [f32; 3] {
 
 /// Parses a binary glTF file of one primitive, as [`write_glb`](super::write_glb) makes them, with its material.
 pub fn parse_surfaced_glb(bytes: &[u8]) -> Result<(Mesh, MeshSurface), MeshParseError> {
-    let (document, buffers) = open(bytes, &mut |uri| {
-        Err(format!(
-            "its buffer {uri:?} is another file, but a self-contained one is expected"
-        ))
-    })?;
+    let (document, buffers) = open(bytes, &mut nothing_else)?;
     let surface = surface_of(&document, &buffers)?;
     let mesh = mesh_of(&document, buffers)?;
     match &surface {

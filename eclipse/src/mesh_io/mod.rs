@@ -27,8 +27,12 @@ pub use gltf_surface::{MeshSurface, SurfaceMaps, parse_surfaced_glb};
 pub use obj::parse_obj;
 pub use ply::parse_ply;
 
-/// Largest mesh file that is read, in bytes.
+/// Largest mesh file that is read, in bytes; of glTF also the most that all its buffers may hold together.
 pub const MAX_FILE: u64 = 1 << 31;
+/// Most vertices that are read: some 2 GiB of positions, normals and texture coordinates.
+pub const MAX_VERTICES: usize = 1 << 26;
+/// Most faces that are read, those that name a vertex twice among them: 768 MiB of indices.
+pub const MAX_FACES: usize = 1 << 26;
 
 /// Reads a mesh; the format goes by the extension (`glb`, `gltf`, `obj`, `ply`), upper or lower case.
 ///
@@ -42,7 +46,7 @@ pub fn read_mesh(path: &Path) -> Result<Mesh, MeshIoError> {
         .to_string_lossy()
         .to_ascii_lowercase();
     let mesh = match extension.as_str() {
-        "glb" | "gltf" => parse_gltf(&bytes, &mut |uri| read_beside(path, uri)),
+        "glb" | "gltf" => parse_gltf(&bytes, &mut |uri, most| read_beside(path, uri, most)),
         "obj" => parse_obj(&bytes),
         "ply" => parse_ply(&bytes),
         _ => return Err(MeshIoError::Extension { path: path.into() }),
@@ -83,8 +87,8 @@ fn read(path: &Path) -> Result<Vec<u8>, MeshIoError> {
     })
 }
 
-/// A buffer that a `.gltf` names, which must not lead out of its folder.
-fn read_beside(path: &Path, uri: &str) -> Result<Vec<u8>, String> {
+/// A buffer of at most `most` bytes that a `.gltf` names, which must not lead out of its folder.
+fn read_beside(path: &Path, uri: &str, most: u64) -> Result<Vec<u8>, String> {
     let folder = path
         .parent()
         .filter(|folder| !folder.as_os_str().is_empty())
@@ -97,7 +101,7 @@ fn read_beside(path: &Path, uri: &str) -> Result<Vec<u8>, String> {
             "its buffer {uri:?} lies outside the mesh's folder: put it beside the mesh"
         ));
     }
-    read_limited(&file, MAX_FILE).map_err(fail)
+    read_limited(&file, most).map_err(fail)
 }
 
 /// Why a mesh could not be read or written.
@@ -154,6 +158,16 @@ pub enum MeshParseError {
     /// The file uses a part of the format that is not supported.
     #[error("uses {0}, which is not supported; export it without")]
     Unsupported(String),
+    /// More than is read.
+    #[error(
+        "has more than {most} {what}, the most that is read; export only the object, or simplify it"
+    )]
+    TooLarge {
+        /// Of what: `vertices`, `faces` or `bytes of buffers`.
+        what: &'static str,
+        /// The most that is read.
+        most: u64,
+    },
     /// There is nothing to see.
     #[error(
         "has no faces ({vertices} vertices): a point cloud does not do, export a triangle mesh"

@@ -118,6 +118,7 @@ impl Obj {
         if corners.len() < 3 {
             return Err(syntax("a face needs three vertices".into()));
         }
+        self.raw.room(0, corners.len() - 2)?;
         self.raw
             .faces
             .extend((2..corners.len()).map(|i| [corners[0], corners[i - 1], corners[i]]));
@@ -128,8 +129,8 @@ impl Obj {
         if let Some(&vertex) = self.vertices.get(&corner) {
             return Ok(vertex);
         }
-        let vertex = u32::try_from(self.raw.positions.len())
-            .map_err(|_| MeshParseError::Unsupported("more than 2³² vertices".into()))?;
+        self.raw.room(1, 0)?;
+        let vertex = self.raw.positions.len() as u32;
         // Normals and UVs fall short of one a vertex, and are dropped, when any corner lacks them.
         self.raw
             .positions

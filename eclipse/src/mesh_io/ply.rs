@@ -75,6 +75,7 @@ fn read_vertices(
     };
     let normal = columns(&["nx", "ny", "nz"]);
     let uv = UV_NAMES.iter().find_map(|names| columns(names));
+    raw.room(element.count, 0)?;
     let mut row = vec![0.0; element.properties.len()];
     for index in 0..element.count {
         for (value, property) in row.iter_mut().zip(&element.properties) {
@@ -124,6 +125,7 @@ fn read_faces(element: &Element, data: &mut Data, raw: &mut RawMesh) -> Result<(
                 }
                 corners.push(value as u32);
             }
+            raw.room(0, corners.len().saturating_sub(2))?;
             raw.faces
                 .extend((2..corners.len()).map(|i| [corners[0], corners[i - 1], corners[i]]));
         }

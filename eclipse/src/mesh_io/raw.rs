@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use glam::{Vec2, Vec3};
 use render::mesh::Mesh;
 
-use super::MeshParseError;
+use super::{MAX_FACES, MAX_VERTICES, MeshParseError};
 
 /// A mesh as read, unchecked. Normals and UVs are one a vertex, or are dropped.
 #[derive(Default)]
@@ -17,6 +17,24 @@ pub(super) struct RawMesh {
 }
 
 impl RawMesh {
+    /// Refuses more vertices and faces than a mesh may have, before anything is stored for them.
+    pub fn room(&self, vertices: usize, faces: usize) -> Result<(), MeshParseError> {
+        let wanted = [
+            ("vertices", self.positions.len(), vertices, MAX_VERTICES),
+            ("faces", self.faces.len(), faces, MAX_FACES),
+        ];
+        match wanted
+            .into_iter()
+            .find(|(_, have, more, most)| have.saturating_add(*more) > *most)
+        {
+            None => Ok(()),
+            Some((what, .., most)) => Err(MeshParseError::TooLarge {
+                what,
+                most: most as u64,
+            }),
+        }
+    }
+
     /// Checks positions and indices, drops degenerate faces and completes the normals.
     pub fn finish(mut self) -> Result<Mesh, MeshParseError> {
         let vertices = self.positions.len();
@@ -100,4 +118,23 @@ fn vertex_normals(positions: &[Vec3], faces: &[[u32; 3]]) -> Vec<Vec3> {
         .into_iter()
         .map(|slot| welded.normals[slot as usize])
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mesh_has_room_for_so_many_and_no_more() {
+        let raw = RawMesh {
+            positions: vec![Vec3::ZERO; 3],
+            faces: vec![[0, 1, 2]],
+            ..RawMesh::default()
+        };
+        raw.room(MAX_VERTICES - 3, MAX_FACES - 1).unwrap();
+        let message = |vertices, faces| raw.room(vertices, faces).unwrap_err().to_string();
+        assert!(message(MAX_VERTICES - 2, 0).contains("has more than 67108864 vertices"));
+        assert!(message(0, MAX_FACES).contains("has more than 67108864 faces"));
+        assert!(message(usize::MAX, 0).contains("vertices"));
+    }
 }

@@ -24,4 +24,4 @@ pub mod tent;
 pub mod transport;
 pub mod uncertainty;
 
-pub use run::{ReconstructError, check_light, memory, photometric, run};
+pub use run::{ReconstructError, check_light, check_memory, memory, photometric, run};

@@ -7,6 +7,7 @@ use render::{bvh::Bvh, image::Image, lat_long::LatLong};
 mod error;
 mod evidence;
 mod frames;
+mod kept;
 mod plan;
 mod round;
 mod schedule;
@@ -15,7 +16,9 @@ mod uncertainty;
 
 pub use error::ReconstructError;
 use frames::Frames;
+pub use kept::{memory, memory_to_resume};
 use plan::Plan;
+pub use plan::check_memory;
 use round::RoundStart;
 use schedule::{LEGS, Place, ROUND_DAMPING};
 
@@ -47,8 +50,8 @@ const CONVERGED: f64 = 3e-5;
 
 /// Recovers light, materials and occluders from a capture.
 ///
-/// The result is the same for any number of threads, and the same after a continuation; only a time limit makes it depend
-/// on the machine's speed.
+/// The result is the same for any number of threads, and the same after a continuation, whatever memory that has; only a time
+/// limit makes it depend on the machine's speed.
 ///
 /// # Errors
 /// [`ReconstructError`].
@@ -58,6 +61,10 @@ pub fn run(
     control: &Control<'_>,
 ) -> Result<Reconstruction, ReconstructError> {
     check_light(capture)?;
+    check_memory(capture, settings)?;
+    if let Some(checkpoint) = control.resume {
+        memory_to_resume(capture, settings, checkpoint)?;
+    }
     let began = Instant::now();
     let noise = noise::estimate(&capture.frames);
     let bvh = Bvh::new(&capture.mesh)?;
@@ -74,6 +81,7 @@ pub fn run(
         control,
         noise,
         fingerprint: fingerprint(capture),
+        plan: Plan::of(capture, settings, control.resume)?,
         began,
         before: 0.0,
         curve: Vec::new(),
@@ -87,14 +95,13 @@ pub fn run(
     };
     let used = |frame: usize, _: u32| frames.fitted(frame);
     run.report("visibility of the surface", f64::NAN, 0.0);
-    let plan = Plan::new(capture, settings, &LEGS[LEGS.len() - 1].stage);
     let grid = LatLong::new(settings.grid_rows, 2 * settings.grid_rows);
     let surface = Surface::new(
         &bvh,
         &capture.frames,
         &run.noise,
         grid,
-        plan.sites,
+        run.plan.sites,
         settings.seed,
         &used,
     );
@@ -112,7 +119,7 @@ pub fn run(
         let (leg, mut stage) = (&LEGS[first], LEGS[first].stage);
         let rounds = leg.held.len();
         stage.rows = stage.rows.min(settings.grid_rows);
-        stage.patches = stage.patches.min(plan.patches);
+        stage.patches = stage.patches.min(run.plan.patches);
         run.report("visibility of the surface", f64::NAN, 0.0);
         let Prepared {
             observations,
@@ -232,16 +239,6 @@ pub fn photometric(capture: &Capture, settings: &Settings, renders: &[Image]) ->
     }
 }
 
-/// The bytes of memory that [`run`] plans to take at its peak.
-pub fn memory(capture: &Capture, settings: &Settings) -> u64 {
-    match settings.preset {
-        Preset::Fast => {
-            Plan::new(capture, settings, &LEGS[LEGS.len() - 1].stage).bytes(capture, settings)
-        }
-        Preset::Paper => paper::memory(capture, settings),
-    }
-}
-
 /// Refuses captures whose light is known.
 ///
 /// # Errors
@@ -262,6 +259,8 @@ struct Run<'a> {
     control: &'a Control<'a>,
     noise: Noise,
     fingerprint: u64,
+    /// How finely the surface is divided, the same in all parts of a run.
+    plan: Plan,
     began: Instant,
     /// Seconds spent before a continuation.
     before: f64,
@@ -328,7 +327,9 @@ impl Run<'_> {
                 let grid = shared.grid;
                 show(&finish::environment(grid, &radiance, grid.rows));
             }
-            if let Err(error) = (self.control.checkpoint)(&self.state(place, step)) {
+            let mut state = self.state(place, step);
+            state.arrays.extend([self.plan.array()]);
+            if let Err(error) = (self.control.checkpoint)(&state) {
                 self.failed = Some(error);
                 return false;
             }

@@ -144,10 +144,11 @@ impl<'a> Page<'a> {
         format!(
             "<header>\n<p class=\"kicker\">Reconstruction</p>\n<h1>{title}</h1>\n<p class=\"summary\">Light{what} were \
              recovered from {frames} photographs{size} in {time} ({iterations} iterations, {ended}); the renders agree \
-             with the photographs {agreement}.{doubt}</p>\n{notes}</header>\n",
+             with the photographs {agreement}.{doubt}{limit}</p>\n{notes}</header>\n",
             title = escaped(&self.title()),
             time = duration(time),
             doubt = self.doubt_in_words(),
+            limit = text::limit(&solved.metrics),
         )
     }
 

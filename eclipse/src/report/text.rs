@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::reconstruction::UncertaintySummary;
+use crate::reconstruction::{Metrics, UncertaintySummary};
 
 /// Text made safe inside HTML elements and quoted attributes.
 pub(crate) fn escaped(text: &str) -> String {
@@ -49,6 +49,22 @@ pub(crate) fn unfinished(doubt: &UncertaintySummary) -> String {
     format!(
         ", and up to {} may be: there was no time to find the others, which makes deviations too large",
         number(doubt.known_at_most)
+    )
+}
+
+/// What the photographs can tell of the light at best, whoever solves for it: the `limit` of the metrics in a sentence; nothing
+/// where it was not computed.
+pub(crate) fn limit(metrics: &Metrics) -> String {
+    let number = |name: &str| metrics.extra.get("limit")?.get(name)?.as_f64();
+    let numbers = ["texel", "with_somebody", "with_nobody"].map(number);
+    let [Some(texel), Some(somebody), Some(nobody)] = numbers else {
+        return String::new();
+    };
+    format!(
+        " At best, were all known but light and albedo, these photographs tell light over parts of {texel:.0}° but for {:.0} % of its \
+         variation with somebody behind each camera, and but for {:.0} % with nobody in the light.",
+        100.0 * somebody,
+        100.0 * nobody
     )
 }
 
@@ -168,6 +184,27 @@ mod tests {
         {
             assert!(at(pair[0]) < at(pair[1]), "{pair:?}");
         }
+    }
+
+    #[test]
+    fn the_limit_is_told_where_there_is_one() {
+        let mut metrics = Metrics::default();
+        assert_eq!(limit(&metrics), "");
+        let reason = serde_json::json!({"left_out": "the lamps are known"});
+        metrics.extra.insert("limit".to_owned(), reason);
+        assert_eq!(limit(&metrics), "");
+        let numbers =
+            serde_json::json!({"texel": 22.5, "with_somebody": 0.414, "with_nobody": 0.93});
+        metrics.extra.insert("limit".to_owned(), numbers);
+        let text = limit(&metrics);
+        assert!(
+            text.contains("parts of 22° but for 41 % of its variation with somebody"),
+            "{text}"
+        );
+        assert!(
+            text.contains("but for 93 % with nobody in the light."),
+            "{text}"
+        );
     }
 
     #[test]

@@ -7,6 +7,7 @@ use glam::Vec3;
 use render::mesh::Mesh;
 use serde_json::{Value, json};
 
+use super::radiance::NAME;
 use crate::{
     capture::Capture, image_io::linear_to_srgb, reconstruction::Reconstruction,
     reconstruction::VertexMaterial,
@@ -84,7 +85,8 @@ impl Viewer {
         };
         format!(
             "<section id=\"viewer\">\n<h2>In other light</h2>\n<p>The recovered object under the recovered light, or under a map \
-             of your own: choose one, or drop it on the picture. Drag to turn the object, pinch or scroll (after a click) to come \
+             of your own: choose one, or drop it on the picture; the <code>{NAME}</code> that a run leaves beside this page \
+             is one. Drag to turn the object, pinch or scroll (after a click) to come \
              closer; arrow keys, + and − work too.</p>\n\
              <div id=\"viewer-controls\">\n<div class=\"control\"><button id=\"viewer-recovered\" type=\"button\">Recovered \
              light</button><button id=\"viewer-lamp\" type=\"button\">A lamp</button><label class=\"button\">Choose a map \
@@ -103,7 +105,8 @@ impl Viewer {
              id=\"viewer-message\" role=\"status\">The viewer needs scripts.</figcaption></figure>\n\
              <details><summary>What is accepted, and what is approximated</summary><ul>\n\
              <li>Maps are Radiance pictures (.hdr, RGBE), equirectangular and twice as wide as high, at most 8192 × 4096; top row \
-             up (+z), centre column along +x, azimuth falling to the right. They stay on this computer.</li>\n\
+             up (+z), centre column along +x, azimuth falling to the right. They stay on this computer. OpenEXR maps are not read: of \
+             the light of any run, <code>{NAME}</code> has the same in this format.</li>\n\
              <li>Every map is shown as bright on average as the recovered light; exposure counts from there. Values beyond \
              white clip; there is no tone curve.</li>\n\
              <li>There are no shadows: every point receives all light of its half of the sky, neither blocked nor reflected by \

@@ -1,8 +1,8 @@
-//! Where studies reconstruct: what they may use, and what was solved already.
+//! Where studies reconstruct: what they may use, what was solved already, and what they had to do without.
 
 use std::{
     cell::RefCell,
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
     rc::Rc,
     sync::atomic::{AtomicBool, Ordering},
@@ -11,6 +11,7 @@ use std::{
 
 use super::{
     Scale, StudyError,
+    evidence::seeds,
     trial::{Solved, Trial, name_of},
 };
 use crate::{
@@ -18,13 +19,25 @@ use crate::{
     control::Control,
     reconstruct,
     reconstruction::{Ended, Reconstruction},
-    settings::Settings,
+    report::text::number,
+    settings::{Preset, Settings},
 };
 
-/// Seconds for a reconstruction of a capture that was given.
-const SECONDS: [f64; 2] = [120.0, 600.0];
-/// Seeds of the solver.
-const SEEDS: [u64; 2] = [1, 3];
+/// Seeds of the solver: a claim that holds for one may be luck.
+const SEEDS: u64 = 3;
+/// Seconds for a reconstruction of a capture that was given: at a glance; quick, at most; in full.
+const SECONDS: [f64; 3] = [2.0, 120.0, 600.0];
+/// Seconds that all reconstructions of given captures may take together where everything is quick.
+///
+/// `study all --quick` is to end within two hours on two cores. With four captures and a real one it makes 24 (`recovery`;
+/// `masks`, `relighting` and `lambertian` use the same) + 18 (`time`, most for a part of the limit) + 9 (`real`) = 51 solves: 41
+/// limits, of 80 s then, 3300 s, and some ten seconds around each solve, 600 s. 68 solves of small captures that studies make for
+/// themselves (42 of `sweeps`, 15, 6 and 5), of a fixed number of steps each, are reckoned at 30 s with their photographs: 2000 s.
+/// What does not reconstruct, 500 s. Together 6400 s: reckoned from the pace of single steps, not measured.
+const QUICK_BUDGET: f64 = 3300.0;
+/// What a quick run solves for, in limits: of each capture with occluders modelled and without; of the one whose quality over
+/// time is looked at, beyond that (see `time`); of a real one with either assumption on occluders and without.
+const QUICK_LIMITS: [f64; 3] = [2.0, 2.75, 3.0];
 
 /// What a study computes with. Studies that run after one another share what they have solved.
 pub struct Bench<'a> {
@@ -46,6 +59,18 @@ pub struct Bench<'a> {
     pub tell: &'a dyn Fn(&str),
     solved: RefCell<BTreeMap<String, Rc<Solved>>>,
     trials: RefCell<BTreeMap<PathBuf, Rc<Trial>>>,
+    lacks: RefCell<Lacks>,
+    /// Everything that any study has left out.
+    unusable: RefCell<BTreeSet<String>>,
+}
+
+/// What a study had to do without.
+#[derive(Debug, Default)]
+pub(super) struct Lacks {
+    /// Captures that could not be used, each with the reason.
+    pub unusable: Vec<String>,
+    /// Whether the caller's stop kept it from a part of its work.
+    pub cut: bool,
 }
 
 impl<'a> Bench<'a> {
@@ -67,12 +92,23 @@ impl<'a> Bench<'a> {
             tell,
             solved: RefCell::default(),
             trials: RefCell::default(),
+            lacks: RefCell::default(),
+            unusable: RefCell::default(),
         }
     }
 
-    /// One of two values, by the scale.
+    /// One of two values, by the scale, where a glance costs no less than a quick look.
     pub fn pick<T>(&self, [quick, full]: [T; 2]) -> T {
         match self.scale {
+            Scale::Glance | Scale::Quick => quick,
+            Scale::Full => full,
+        }
+    }
+
+    /// One of three values, by the scale.
+    pub fn of_scale<T>(&self, [glance, quick, full]: [T; 3]) -> T {
+        match self.scale {
+            Scale::Glance => glance,
             Scale::Quick => quick,
             Scale::Full => full,
         }
@@ -80,23 +116,32 @@ impl<'a> Bench<'a> {
 
     /// Seeds of the solver.
     pub fn seeds(&self) -> std::ops::Range<u64> {
-        0..self.pick(SEEDS)
+        0..self.of_scale([1, SEEDS, SEEDS])
     }
 
-    /// Seconds for a reconstruction of a capture that was given.
+    /// Seconds for a reconstruction of a capture that was given. Quick ones share an hour or so among them.
     pub fn seconds(&self) -> f64 {
-        self.time_limit.unwrap_or(self.pick(SECONDS))
+        let most = self.of_scale(SECONDS);
+        let usual = match self.scale {
+            Scale::Quick => most.min(QUICK_BUDGET / self.quick_limits()),
+            Scale::Glance | Scale::Full => most,
+        };
+        self.time_limit.unwrap_or(usual)
+    }
+
+    /// How many times the limit all studies together reconstruct for.
+    fn quick_limits(&self) -> f64 {
+        let captures = self.folders().map_or(0, |folders| folders.len());
+        let real = f64::from(u8::from(self.real.is_some()));
+        let [each, over_time, of_real] = QUICK_LIMITS;
+        SEEDS as f64 * (each * captures as f64 + over_time + of_real * real)
     }
 
     /// What a page says of seeds and time.
     pub fn conditions(&self) -> String {
-        let seeds = self.seeds().end;
-        let seeds = match seeds {
-            1 => "one seed (--full: three)".to_owned(),
-            n => format!("{n} seeds"),
-        };
+        let seeds = seeds(self.seeds().end);
         let full = match self.scale {
-            Scale::Quick => {
+            Scale::Glance | Scale::Quick => {
                 "The paper's 256 images of 400 x 400 and its hours on eight graphics cards are not repeated here."
             }
             Scale::Full => {
@@ -107,16 +152,13 @@ impl<'a> Bench<'a> {
         format!(
             "The fast preset, {} s for each reconstruction on {} threads, {seeds}. {full} Results depend on the machine's speed, as \
              time ends the work; on a busy machine they are worse.",
-            self.seconds(),
+            number(self.seconds()),
             self.threads
         )
     }
 
-    /// The captures of the folder that have a truth with light in it, by name.
-    ///
-    /// # Errors
-    /// No such folder, nothing in it, or a capture that cannot be read.
-    pub fn trials(&self) -> Result<Vec<Rc<Trial>>, StudyError> {
+    /// The folders of captures with light in their truth, by name.
+    fn folders(&self) -> Result<Vec<PathBuf>, StudyError> {
         let none = |source| StudyError::Captures {
             path: self.captures.to_owned(),
             source,
@@ -129,19 +171,41 @@ impl<'a> Bench<'a> {
             }
         }
         folders.sort();
-        if folders.is_empty() {
-            return Err(none(None));
+        match folders.is_empty() {
+            true => Err(none(None)),
+            false => Ok(folders),
         }
-        folders.iter().map(|folder| self.trial(folder)).collect()
+    }
+
+    /// The captures of the folder that have a truth with light in it, by name. Those that cannot be used are left out and told.
+    ///
+    /// # Errors
+    /// No such folder, nothing in it, or no capture that can be used.
+    pub fn trials(&self) -> Result<Vec<Rc<Trial>>, StudyError> {
+        let (mut trials, mut problem) = (Vec::new(), None);
+        for folder in self.folders()? {
+            match self.trial(&folder) {
+                Ok(trial) => trials.push(trial),
+                Err(error) => {
+                    self.leave_out(&name_of(&folder), &error);
+                    problem.get_or_insert(error);
+                }
+            }
+        }
+        match problem {
+            Some(error) if trials.is_empty() => Err(error),
+            _ => Ok(trials),
+        }
     }
 
     /// The photographs of the capture that was asked for or, without one, of all that have a truth; by name.
     ///
     /// # Errors
-    /// As [`trials`](Self::trials).
+    /// As [`trials`](Self::trials); of the capture that was asked for also known lamps, which leave no light to recover.
     pub fn photographs(&self) -> Result<Vec<(String, Rc<Capture>)>, StudyError> {
         if let Some(folder) = self.capture {
             let capture = Capture::load(folder, &LoadOptions::default())?;
+            reconstruct::check_light(&capture)?;
             return Ok(vec![(name_of(folder), Rc::new(capture))]);
         }
         let trials = self.trials()?;
@@ -156,11 +220,97 @@ impl<'a> Bench<'a> {
         self.stop.load(Ordering::Relaxed)
     }
 
+    /// What `work` makes of one after the other. After the caller's stop it is what was made until then.
+    ///
+    /// # Errors
+    /// Whatever `work` fails with, and the stop where nothing was made.
+    pub fn each<T, R>(
+        &self,
+        of: impl IntoIterator<Item = T>,
+        mut work: impl FnMut(T) -> Result<R, StudyError>,
+    ) -> Result<Vec<R>, StudyError> {
+        let mut made = Vec::new();
+        for one in of {
+            let result = match self.stopped() {
+                true => Err(StudyError::Stopped),
+                false => work(one),
+            };
+            match result {
+                Ok(result) => made.push(result),
+                Err(StudyError::Stopped) if !made.is_empty() => {
+                    self.lacks.borrow_mut().cut = true;
+                    break;
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(made)
+    }
+
+    /// The same of captures; those that turn out to be of no use are left out and told.
+    ///
+    /// # Errors
+    /// As [`each`](Self::each), but for what is to blame on a capture.
+    pub fn each_trial<R>(
+        &self,
+        trials: &[Rc<Trial>],
+        work: impl FnMut(&Rc<Trial>) -> Result<R, StudyError>,
+    ) -> Result<Vec<R>, StudyError> {
+        self.each_capture(trials, |trial| &trial.name, work)
+    }
+
+    /// The same of captures in whatever form that has a name.
+    ///
+    /// # Errors
+    /// As [`each_trial`](Self::each_trial).
+    pub fn each_capture<T, R>(
+        &self,
+        captures: &[T],
+        name: impl Fn(&T) -> &str,
+        mut work: impl FnMut(&T) -> Result<R, StudyError>,
+    ) -> Result<Vec<R>, StudyError> {
+        let made = self.each(captures, |capture| match work(capture) {
+            Err(error) if error.is_of_the_input() => {
+                self.leave_out(name(capture), &error);
+                Ok(None)
+            }
+            result => result.map(Some),
+        })?;
+        Ok(made.into_iter().flatten().collect())
+    }
+
+    /// Why a study has nothing to say: the caller's stop where there was one, else that nothing is there of what it `needs`.
+    pub fn nothing(&self, needs: &'static str) -> StudyError {
+        match self.stopped() {
+            true => StudyError::Stopped,
+            false => StudyError::Nothing(needs),
+        }
+    }
+
+    /// Captures that could not be used until now, each with the reason.
+    pub fn unusable(&self) -> Vec<String> {
+        self.unusable.borrow().iter().cloned().collect()
+    }
+
+    /// What was lacking since the last call.
+    pub(super) fn take_lacks(&self) -> Lacks {
+        self.lacks.take()
+    }
+
+    fn leave_out(&self, name: &str, error: &StudyError) {
+        let line = format!("{name}, which cannot be used ({error})");
+        if self.unusable.borrow_mut().insert(line.clone()) {
+            (self.tell)(&format!("left out: {line}"));
+        }
+        self.lacks.borrow_mut().unusable.push(line);
+    }
+
     fn trial(&self, folder: &Path) -> Result<Rc<Trial>, StudyError> {
         if let Some(trial) = self.trials.borrow().get(folder) {
             return Ok(Rc::clone(trial));
         }
         let trial = Rc::new(Trial::load(folder)?);
+        reconstruct::check_light(&trial.capture)?;
         let mut trials = self.trials.borrow_mut();
         trials.insert(folder.to_owned(), Rc::clone(&trial));
         Ok(trial)
@@ -199,10 +349,15 @@ impl<'a> Bench<'a> {
 
     /// What every reconstruction of a capture has in common: materials are told to be matt where they are.
     pub fn settings(&self, trial: &Trial) -> Settings {
+        self.settings_of(Preset::Fast, trial)
+    }
+
+    /// The same of an algorithm.
+    pub fn settings_of(&self, preset: Preset, trial: &Trial) -> Settings {
         Settings {
             threads: self.threads,
             lambertian: trial.truth.specular.is_none(),
-            ..Settings::default()
+            ..Settings::of(preset)
         }
     }
 
@@ -247,5 +402,68 @@ impl<'a> Bench<'a> {
             return Err(StudyError::Stopped);
         }
         Ok(found)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A bench of this scale over a folder of so many captures, as far as their number goes.
+    fn with_bench(scale: Scale, captures: usize, test: impl FnOnce(Bench<'_>)) {
+        let folder = tempfile::tempdir().unwrap();
+        for index in 0..captures {
+            let truth = folder.path().join(format!("{index}/truth"));
+            std::fs::create_dir_all(&truth).unwrap();
+            std::fs::write(truth.join("environment.exr"), "no image").unwrap();
+        }
+        let stop = AtomicBool::new(false);
+        test(Bench::new(scale, folder.path(), &stop, &|_| ()));
+    }
+
+    #[test]
+    fn quick_solves_share_their_time_and_no_other_does() {
+        with_bench(Scale::Quick, 1, |mut bench| {
+            assert_eq!(bench.seconds(), 120.0);
+            bench.time_limit = Some(7.0);
+            assert_eq!(bench.seconds(), 7.0);
+        });
+        with_bench(Scale::Quick, 4, |mut bench| {
+            let alone = bench.seconds();
+            assert!((100.0..105.0).contains(&alone), "{alone}");
+            bench.real = Some(Path::new("real"));
+            let with_real = bench.seconds();
+            assert!((78.0..82.0).contains(&with_real), "{with_real}");
+        });
+        with_bench(Scale::Full, 40, |bench| assert_eq!(bench.seconds(), 600.0));
+    }
+
+    #[test]
+    fn a_stop_keeps_what_was_made() {
+        with_bench(Scale::Quick, 0, |bench| {
+            let made = bench.each(0..5, |k| match k {
+                3 => Err(StudyError::Stopped),
+                _ => Ok(k),
+            });
+            assert_eq!(made.unwrap(), [0, 1, 2]);
+            assert!(bench.take_lacks().cut && !bench.take_lacks().cut);
+            let nothing: Result<Vec<u8>, _> = bench.each(0..5, |_| Err(StudyError::Stopped));
+            assert!(matches!(nothing, Err(StudyError::Stopped)));
+            assert!(!bench.take_lacks().cut);
+        });
+    }
+
+    #[test]
+    fn captures_that_cannot_be_read_are_told_once_and_noted_for_every_study() {
+        with_bench(Scale::Quick, 2, |bench| {
+            for _ in 0..2 {
+                let error = bench.trials().err().unwrap();
+                assert!(error.is_of_the_input(), "{error}");
+                assert_eq!(bench.take_lacks().unusable.len(), 2);
+            }
+            let told = bench.unusable();
+            assert_eq!(told.len(), 2);
+            assert!(told[0].starts_with("0, which cannot be used ("), "{told:?}");
+        });
     }
 }

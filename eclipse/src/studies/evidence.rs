@@ -47,6 +47,25 @@ pub fn listed(values: &[f64]) -> String {
     words.join(", ")
 }
 
+/// Least and most; no number where one is none, which then is no better than anything.
+pub fn range(values: &[f64]) -> [f64; 2] {
+    if values.is_empty() || values.iter().any(|v| v.is_nan()) {
+        return [f64::NAN; 2];
+    }
+    let none = [f64::INFINITY, f64::NEG_INFINITY];
+    values
+        .iter()
+        .fold(none, |[low, high], v| [low.min(*v), high.max(*v)])
+}
+
+/// Seeds in words.
+pub fn seeds(count: u64) -> String {
+    match count {
+        1 => "one seed".to_owned(),
+        n => format!("{n} seeds"),
+    }
+}
+
 /// The result of a study.
 #[derive(Clone, Debug)]
 pub struct Evidence {
@@ -177,6 +196,8 @@ pub struct Series {
     pub points: Vec<[f64; 2]>,
     /// Dots that are not joined.
     pub dots: bool,
+    /// The seed that it was computed with, where there are several; series of one label share a colour.
+    pub seed: Option<u64>,
 }
 
 impl Series {
@@ -186,6 +207,7 @@ impl Series {
             label: label.into(),
             points,
             dots: false,
+            seed: None,
         }
     }
 
@@ -194,6 +216,14 @@ impl Series {
         Self {
             dots: true,
             ..Self::line(label, points)
+        }
+    }
+
+    /// The same, of a seed.
+    pub fn of_seed(self, seed: u64) -> Self {
+        Self {
+            seed: Some(seed),
+            ..self
         }
     }
 }
@@ -243,4 +273,17 @@ pub enum Tone {
         /// Full red.
         high: f32,
     },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_range_with_a_hole_is_no_better_than_anything() {
+        assert_eq!(range(&[2.0, 0.5, 1.0]), [0.5, 2.0]);
+        for values in [&[][..], &[1.0, f64::NAN]] {
+            assert!(range(values).iter().all(|v| v.is_nan()));
+        }
+    }
 }

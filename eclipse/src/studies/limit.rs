@@ -8,16 +8,18 @@ use serde_json::{Map, Value, json};
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
-    evidence::{Axis, Chart, Content, Figure, Picture, Series, Tone},
+    evidence::{Axis, Chart, Content, Figure, Picture, Series, Tone, listed, range, seeds},
 };
 use crate::{
     capture::Capture,
-    inspect::limit::{Grain, Limit, MODEL_ERROR, limits},
+    inspect::limit::{Grain, Known, Limit, MODEL_ERROR, limits},
     report::text::number,
 };
 
 /// An occluder that leaves more than this share of the error without it helps too little to be called help.
 const HELPS: f64 = 0.9;
+/// Photographs that leave less than this of the light's variation tell something of it.
+const TOLD: f64 = 0.9;
 /// Quick, full.
 const GRAINS: [Grain; 2] = [
     Grain {
@@ -40,19 +42,24 @@ impl Study for InformationLimit {
 
     fn run(&self, bench: &Bench<'_>) -> Result<Evidence, StudyError> {
         let captures: Vec<(String, Rc<Capture>)> = bench.photographs()?;
-        let mut studied = Vec::new();
-        for (name, capture) in &captures {
-            if bench.stopped() {
-                return Err(StudyError::Stopped);
-            }
-            studied.push(Studied {
+        let study = |(name, capture): &(String, Rc<Capture>)| -> Result<Studied, StudyError> {
+            let seeds = bench.each(bench.seeds(), |seed| {
+                Ok(limits(capture, bench.pick(GRAINS), MODEL_ERROR, seed)?)
+            })?;
+            let studied = Studied {
                 name: name.clone(),
-                limits: limits(capture, bench.pick(GRAINS), MODEL_ERROR, 0)?,
-            });
-            (bench.tell)(&format!(
-                "{name}: {}",
-                studied[studied.len() - 1].sentence()
-            ));
+                seeds,
+            };
+            (bench.tell)(&format!("{name}: {}", studied.sentence()));
+            Ok(studied)
+        };
+        // Whoever asks for one capture is told what is wrong with it; of many, one does not keep the others from an answer.
+        let studied = match bench.capture {
+            Some(_) => bench.each(&captures, study)?,
+            None => bench.each_capture(&captures, |capture| &capture.0, study)?,
+        };
+        if studied.is_empty() {
+            return Err(bench.nothing("a capture of whose object anything is seen"));
         }
         Ok(evidence(bench, &studied))
     }
@@ -61,30 +68,89 @@ impl Study for InformationLimit {
 /// A capture's limits.
 struct Studied {
     name: String,
-    limits: Vec<Limit>,
+    /// `[seed]`: for everything that may be known. A seed chooses the places that patches look at.
+    seeds: Vec<Vec<Limit>>,
 }
 
 impl Studied {
-    fn of(&self, operator: bool, albedo: bool) -> &Limit {
-        let wanted = |l: &&Limit| l.known.operator == operator && l.known.albedo == albedo;
-        self.limits.iter().find(wanted).expect("all were computed")
+    /// The limits where this is known, a seed each.
+    fn of(&self, operator: bool, albedo: bool) -> Vec<&Limit> {
+        let wanted = Known { operator, albedo };
+        let all = self.seeds.iter().flatten();
+        all.filter(|limit| limit.known == wanted).collect()
     }
 
-    /// What somebody in the light, at a known place, leaves of the error when the albedo is not known.
+    fn errors(&self, operator: bool, albedo: bool) -> Vec<f64> {
+        let limits = self.of(operator, albedo);
+        limits.iter().map(|limit| limit.error).collect()
+    }
+
+    /// What somebody in the light, at a known place, leaves of the error when the albedo is not known: in the worst seed.
+    fn left(&self) -> f64 {
+        let (with, without) = (self.errors(true, false), self.errors(false, false));
+        let shares: Vec<f64> = with.iter().zip(&without).map(|(a, b)| a / b).collect();
+        range(&shares)[1]
+    }
+
     fn held(&self) -> bool {
-        self.of(true, false).error < HELPS * self.of(false, false).error
+        self.left() < HELPS
     }
 
     fn sentence(&self) -> String {
-        let error = |operator, albedo| number(self.of(operator, albedo).error);
+        let error = |operator, albedo| listed(&self.errors(operator, albedo));
+        let rows = self.seeds.iter().flatten().map(|limit| limit.grid.rows);
         format!(
             "the best linear estimate of light by texels of {}° is off by {} of its variation with somebody at a known place in the \
              light and the albedo unknown, by {} with nobody there ({} and {} with the albedo known)",
-            number(180.0 / self.of(true, true).grid.rows as f64),
+            number(180.0 / rows.max().unwrap_or(1) as f64),
             error(true, false),
             error(false, false),
             error(true, true),
             error(false, true),
+        )
+    }
+
+    /// Errors and what is revealed, a seed each.
+    fn numbers(&self) -> Value {
+        let all = [(true, true), (true, false), (false, true), (false, false)];
+        let rows = all.into_iter().filter_map(|(operator, albedo)| {
+            let limits = self.of(operator, albedo);
+            let first = limits.first()?;
+            let revealed = first.revealed.iter().enumerate();
+            let revealed: Map<String, Value> = revealed
+                .map(|(size, (degrees, _))| {
+                    let shares = limits.iter().map(|limit| limit.revealed[size].1);
+                    let shares: Vec<f64> = shares.collect();
+                    (format!("{} degrees", number(*degrees)), json!(shares))
+                })
+                .collect();
+            let errors = self.errors(operator, albedo);
+            Some((label(first), json!({"error": errors, "revealed": revealed})))
+        });
+        Value::Object(rows.collect())
+    }
+
+    /// Why somebody in the light is little help, as far as the numbers tell.
+    fn why(&self) -> String {
+        if self.held() {
+            return String::new();
+        }
+        let alone = range(&self.errors(false, false))[0];
+        let told_albedo = range(&self.errors(false, true))[0];
+        let words = match (alone < TOLD, told_albedo < TOLD) {
+            (true, _) => "the object's own shadows tell of the light already",
+            (false, true) => {
+                "somebody there hardly tells light from albedo, which is what hides it: were the albedo known, the object's own shadows \
+                 would tell of it"
+            }
+            (false, false) => {
+                "with the albedo known, too, nobody there tells little: whether noise or the surface's blur hides the light was not \
+                 told apart"
+            }
+        };
+        format!(
+            "; of the error without anybody there {} is left in the worst seed: {words}",
+            number(self.left())
         )
     }
 }
@@ -107,33 +173,12 @@ fn label(limit: &Limit) -> String {
 
 fn evidence(bench: &Bench<'_>, studied: &[Studied]) -> Evidence {
     let held: Vec<bool> = studied.iter().map(Studied::held).collect();
-    let sentences: Vec<String> = studied
-        .iter()
-        .map(|s| {
-            let why = if s.held() {
-                ""
-            } else {
-                ": nobody in the light is as good, or nearly, since the surface's own shadows tell as much or the noise hides both"
-            };
-            format!("{}: {}{why}", s.name, s.sentence())
-        })
-        .collect();
+    let sentences = studied.iter();
+    let sentences = sentences.map(|s| format!("{}: {}{}", s.name, s.sentence(), s.why()));
+    let sentences: Vec<String> = sentences.collect();
     let numbers: Map<String, Value> = studied
         .iter()
-        .map(|s| {
-            let of = |limit: &Limit| {
-                let revealed = limit.revealed.iter();
-                let revealed: Map<String, Value> = revealed
-                    .map(|(degrees, share)| (format!("{} degrees", number(*degrees)), json!(share)))
-                    .collect();
-                (
-                    label(limit),
-                    json!({"error": limit.error, "revealed": revealed}),
-                )
-            };
-            let table: Map<String, Value> = s.limits.iter().map(of).collect();
-            (s.name.clone(), Value::Object(table))
-        })
+        .map(|s| (s.name.clone(), s.numbers()))
         .collect();
     let grain = bench.pick(GRAINS);
     Evidence {
@@ -148,12 +193,13 @@ fn evidence(bench: &Bench<'_>, studied: &[Studied]) -> Evidence {
         figures: studied.iter().flat_map(figures).collect(),
         notes: vec![
             format!(
-                "One channel on {} x {} texels, about {} patches of surface in every photograph that sees them, noise as the \
-                 photographs show it, and {} % of each value left to what the right model would not explain. Light is 1 on average \
-                 with independent texels of variance 1: an error of 1 means that nothing is known but that.",
+                "One channel on {} x {} texels, about {} patches of surface in every photograph that sees them ({} for their places; the \
+                 claim is judged by the worst), noise as the photographs show it, and {} % of each value left to what the right model \
+                 would not explain. Light is 1 on average with independent texels of variance 1: an error of 1 means that nothing is known but that.",
                 grain.rows,
                 2 * grain.rows,
                 grain.patches,
+                seeds(bench.seeds().end),
                 100.0 * MODEL_ERROR
             ),
             "Somebody is the outline that a reconstruction starts from, upright behind each camera, at a place that is taken to be \
@@ -165,22 +211,26 @@ fn evidence(bench: &Bench<'_>, studied: &[Studied]) -> Evidence {
     }
 }
 
-fn figures(studied: &Studied) -> [Figure; 2] {
-    let series = |limit: &Limit| {
-        let points = limit.revealed.iter().map(|&(x, y)| [x, y]).collect();
-        Series::line(label(limit), points)
+fn figures(studied: &Studied) -> Vec<Figure> {
+    let series = |(seed, limits): (usize, &Vec<Limit>)| -> Vec<Series> {
+        let line = |limit: &Limit| {
+            let points = limit.revealed.iter().map(|&(x, y)| [x, y]).collect();
+            Series::line(label(limit), points).of_seed(seed as u64)
+        };
+        limits.iter().map(line).collect()
     };
-    let all = studied.limits.iter().flat_map(|l| l.revealed.iter());
+    let limits = || studied.seeds.iter().flatten();
+    let all = limits().flat_map(|l| l.revealed.iter());
     let coarsest = all.map(|r| r.0).fold(1.0, f64::max);
     let resolved = Figure {
         name: format!("{}-resolved", studied.name),
         caption: "The share of the light's variance that the photographs reveal, over the size of the detail: 1 is everything, 0 \
-                  nothing."
+                  nothing. A line a seed."
             .into(),
         content: Content::Chart(Chart {
             x: Axis::linear("size of detail, degrees", [0.0, 1.05 * coarsest]),
             y: Axis::linear("share of variance revealed", [0.0, 1.0]),
-            series: studied.limits.iter().map(series).collect(),
+            series: studied.seeds.iter().enumerate().flat_map(series).collect(),
         }),
     };
     let picture = |limit: &Limit| Picture {
@@ -196,10 +246,11 @@ fn figures(studied: &Studied) -> [Figure; 2] {
             high: 1.0,
         },
     };
+    let first = studied.seeds.iter().take(1).flatten();
     let left = Figure {
         name: format!("{}-left", studied.name),
-        caption: "The error that is left at best in each direction, top +z, centre +x: blue is known, red is not.".into(),
-        content: Content::Pictures(studied.limits.iter().map(picture).collect()),
+        caption: "The error that is left at best in each direction, top +z, centre +x: blue is known, red is not. First seed.".into(),
+        content: Content::Pictures(first.map(picture).collect()),
     };
-    [resolved, left]
+    vec![resolved, left]
 }

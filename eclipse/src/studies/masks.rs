@@ -28,17 +28,17 @@ impl Study for Masks {
     }
 
     fn run(&self, bench: &Bench<'_>) -> Result<Evidence, StudyError> {
-        let mut rows = Vec::new();
-        for trial in bench.trials()?.iter().filter(|trial| trial.occluded()) {
-            for seed in bench.seeds() {
+        let trials = bench.trials()?;
+        let occluded: Vec<Rc<Trial>> = trials.into_iter().filter(|t| t.occluded()).collect();
+        let rows = bench.each_trial(&occluded, |trial| {
+            bench.each(bench.seeds(), |seed| {
                 let solved = bench.solve(trial, true, seed)?;
-                rows.push(Row::new(trial, &solved));
-            }
-        }
+                Ok(Row::new(trial, &solved))
+            })
+        })?;
+        let rows: Vec<Row> = rows.into_iter().flatten().collect();
         if rows.is_empty() {
-            return Err(StudyError::Nothing(
-                "a capture with truth/occluders.exr: somebody in the light",
-            ));
+            return Err(bench.nothing("a capture with truth/occluders.exr: somebody in the light"));
         }
         Ok(evidence(bench, &rows))
     }

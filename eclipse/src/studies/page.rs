@@ -21,11 +21,11 @@ pub const PAGE: &str = "study.html";
 /// Name of the numbers within a study's folder.
 pub const SUMMARY: &str = "summary.json";
 
-/// Writes everything into a folder, the page last.
+/// Writes everything into a folder, the page last; it names the `command` that makes it again.
 ///
 /// # Errors
 /// A file that cannot be written, or a plot that cannot be drawn.
-pub fn write(folder: &Path, evidence: &Evidence) -> Result<(), StudyError> {
+pub fn write(folder: &Path, evidence: &Evidence, command: &str) -> Result<(), StudyError> {
     fs::create_dir_all(folder)?;
     let mut figures = String::new();
     for figure in &evidence.figures {
@@ -33,7 +33,8 @@ pub fn write(folder: &Path, evidence: &Evidence) -> Result<(), StudyError> {
     }
     let summary = serde_json::to_string_pretty(&evidence.summary())? + "\n";
     put(&folder.join(SUMMARY), summary.as_bytes())?;
-    put(&folder.join(PAGE), html(evidence, &figures).as_bytes())
+    let page = html(evidence, &figures, command);
+    put(&folder.join(PAGE), page.as_bytes())
 }
 
 /// Writes a figure's files; its part of the page.
@@ -77,7 +78,7 @@ fn write_figure(folder: &Path, figure: &Figure) -> Result<String, StudyError> {
     ))
 }
 
-fn html(evidence: &Evidence, figures: &str) -> String {
+fn html(evidence: &Evidence, figures: &str, command: &str) -> String {
     let notes = evidence.notes.iter();
     let notes: String = notes
         .map(|note| format!("<p>{}</p>\n", text::escaped(note)))
@@ -87,7 +88,7 @@ fn html(evidence: &Evidence, figures: &str) -> String {
          <meta name=\"viewport\" content=\"width=device-width\">\n<title>{title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n\
          <header>\n<p class=\"summary\"><b>{verdict}</b>: {sentence}</p>\n<p class=\"kicker\">{source}</p>\n<h1>{title}</h1>\n\
          <p>The claim: {claim}</p>\n</header>\n{figures}<h2>Numbers</h2>\n{numbers}\n<h2>How</h2>\n{notes}\
-         <footer>Written by eclipse {version}; <code>eclipse study {name}</code> makes it again.</footer>\n</body>\n</html>\n",
+         <footer>Written by eclipse {version}; <code>{command}</code> makes it again.</footer>\n</body>\n</html>\n",
         title = text::escaped(evidence.title),
         verdict = evidence.verdict.words(),
         sentence = text::escaped(&evidence.sentence),
@@ -95,21 +96,28 @@ fn html(evidence: &Evidence, figures: &str) -> String {
         claim = text::escaped(evidence.claim),
         numbers = text::table(&evidence.numbers),
         version = env!("CARGO_PKG_VERSION"),
-        name = evidence.name,
+        command = text::escaped(command),
     )
 }
 
-/// A line a point.
+/// A line a point; with its seed where a series has one.
 fn chart_csv(chart: &Chart) -> String {
+    let seeded = chart.series.iter().any(|series| series.seed.is_some());
     let mut csv = format!(
-        "series,{},{}\n",
+        "series,{}{},{}\n",
+        if seeded { "seed," } else { "" },
         quoted(&chart.x.label),
         quoted(&chart.y.label)
     );
     for series in &chart.series {
         let label = quoted(&series.label);
+        let seed = match series.seed {
+            Some(seed) => format!("{seed},"),
+            None if seeded => ",".to_owned(),
+            None => String::new(),
+        };
         for [x, y] in &series.points {
-            let _ = writeln!(csv, "{label},{x},{y:e}");
+            let _ = writeln!(csv, "{label},{seed}{x},{y:e}");
         }
     }
     csv
@@ -233,7 +241,8 @@ mod tests {
     #[test]
     fn a_study_leaves_a_page_its_numbers_plots_and_their_data() {
         let folder = tempfile::tempdir().unwrap();
-        write(folder.path(), &evidence()).unwrap();
+        let command = "eclipse study test --captures 'a & b'";
+        write(folder.path(), &evidence(), command).unwrap();
         let read = |name: &str| fs::read_to_string(folder.path().join(name)).unwrap();
         let page = read(PAGE);
         let body = page.split("<body>").nth(1).unwrap();
@@ -243,6 +252,9 @@ mod tests {
             "{first}"
         );
         assert!(page.contains("x &lt; y") && page.contains("1 &lt; 2"));
+        assert!(
+            page.contains("<code>eclipse study test --captures 'a &amp; b'</code> makes it again")
+        );
         assert!(!page.contains("src=\"http") && !page.contains("href"));
         assert_eq!(
             read("curve.csv"),
@@ -258,6 +270,19 @@ mod tests {
         let summary: serde_json::Value = serde_json::from_str(&read(SUMMARY)).unwrap();
         assert_eq!(summary["verdict"], "held_in_part");
         assert_eq!(summary["numbers"]["ratio"], 0.5);
+    }
+
+    #[test]
+    fn seeds_stand_beside_the_points_that_have_one() {
+        let chart = Chart {
+            x: Axis::linear("x", [0.0, 1.0]),
+            y: Axis::linear("y", [0.0, 1.0]),
+            series: vec![
+                Series::line("a", vec![[0.0, 1.0]]).of_seed(2),
+                Series::dots("b", vec![[1.0, 0.5]]),
+            ],
+        };
+        assert_eq!(chart_csv(&chart), "series,seed,x,y\na,2,0,1e0\nb,,1,5e-1\n");
     }
 
     #[test]

@@ -90,8 +90,10 @@ where
         .axis_desc_style(small.clone())
         .draw()
         .map_err(|e| e.to_string())?;
-    for (index, series) in chart.series.iter().enumerate() {
-        let colour = COLOURS[index % COLOURS.len()];
+    let labels = labels(&chart.series);
+    for series in &chart.series {
+        let index = labels.iter().position(|label| *label == series.label);
+        let colour = COLOURS[index.unwrap_or_default() % COLOURS.len()];
         let points = series.points.iter().copied();
         let shown = points.filter(|p| within(p[0], &chart.x) && within(p[1], &chart.y));
         if series.dots {
@@ -103,27 +105,34 @@ where
             context.draw_series(line).map_err(|e| e.to_string())?;
         }
     }
-    legend(root, &chart.series, &small).map_err(|e| e.to_string())
+    legend(root, &labels, &small).map_err(|e| e.to_string())
+}
+
+/// What the legend names, each once: seeds of one thing share a label and a colour.
+fn labels(series: &[Series]) -> Vec<&str> {
+    let mut labels: Vec<&str> = Vec::new();
+    for series in series {
+        if !labels.contains(&series.label.as_str()) {
+            labels.push(&series.label);
+        }
+    }
+    labels
 }
 
 /// Right of the plot, where it hides nothing.
 fn legend(
     root: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>,
-    series: &[Series],
+    labels: &[&str],
     small: &TextStyle<'_>,
 ) -> Result<(), Box<dyn std::error::Error>> {
     let left = SIZE.0 as i32 - LEGEND + 12;
     let style = small.clone().pos(Pos::new(HPos::Left, VPos::Center));
-    for (index, series) in series.iter().enumerate() {
+    for (index, label) in labels.iter().enumerate() {
         let colour = COLOURS[index % COLOURS.len()];
         let y = 24 + 20 * index as i32;
         let box_of = [(left, y - 2), (left + 16, y + 2)];
         root.draw(&Rectangle::new(box_of, colour.filled()))?;
-        root.draw(&Text::new(
-            series.label.as_str(),
-            (left + 24, y),
-            style.clone(),
-        ))?;
+        root.draw(&Text::new(*label, (left + 24, y), style.clone()))?;
     }
     Ok(())
 }
@@ -218,6 +227,29 @@ mod tests {
         };
         assert!((ratio(true) - 0.5).abs() < 0.01);
         assert!((ratio(false) - 0.99).abs() < 0.01);
+    }
+
+    #[test]
+    fn seeds_of_one_thing_share_a_colour_and_a_name() {
+        let mut chart = chart(false, vec![[0.0, 0.1], [1.0, 0.2]]);
+        let first = chart.series[0].clone();
+        chart.series.push(first.of_seed(1));
+        chart
+            .series
+            .push(Series::line("second", vec![[0.0, 0.3], [1.0, 0.4]]));
+        let svg = svg("test", &chart).unwrap();
+        let curves = |colour: &str| {
+            let elements = svg.split("<polyline").skip(1);
+            let of = |element: &&str| {
+                element
+                    .split("/>")
+                    .next()
+                    .is_some_and(|e| e.contains(colour))
+            };
+            elements.filter(of).count()
+        };
+        assert_eq!(svg.matches("first").count(), 1);
+        assert_eq!((curves("#D55E00"), curves("#E69F00")), (2, 1), "{svg}");
     }
 
     #[test]

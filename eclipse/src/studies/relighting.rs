@@ -44,14 +44,12 @@ impl Study for Relighting {
     }
 
     fn run(&self, bench: &Bench<'_>) -> Result<Evidence, StudyError> {
-        let mut rows = Vec::new();
         let seen = |t: &Trial| t.truth.albedo.len() == t.capture.frames.len();
-        let trials = bench.trials()?;
-        for trial in trials.iter().filter(|t| t.occluded() && seen(t)) {
-            rows.push(Row::new(bench, trial)?);
-        }
+        let trials = bench.trials()?.into_iter();
+        let chosen: Vec<Rc<Trial>> = trials.filter(|t| t.occluded() && seen(t)).collect();
+        let rows = bench.each_trial(&chosen, |trial| Row::new(bench, trial))?;
         if rows.is_empty() {
-            return Err(StudyError::Nothing(
+            return Err(bench.nothing(
                 "a capture with somebody in the light and the true albedo of every photograph",
             ));
         }
@@ -114,16 +112,12 @@ impl Row {
         let views = bench.pick(VIEWS).min(trial.capture.frames.len());
         let every = trial.capture.frames.len() / views;
         let views: Vec<usize> = (0..views).map(|v| v * every).collect();
-        let solved: Result<Vec<[Rc<Solved>; 2]>, StudyError> = bench
-            .seeds()
-            .map(|seed| {
-                Ok([
-                    bench.solve(trial, true, seed)?,
-                    bench.solve(trial, false, seed)?,
-                ])
-            })
-            .collect();
-        let solved = solved?;
+        let solved: Vec<[Rc<Solved>; 2]> = bench.each(bench.seeds(), |seed| {
+            Ok([
+                bench.solve(trial, true, seed)?,
+                bench.solve(trial, false, seed)?,
+            ])
+        })?;
         let mut errors = Vec::new();
         for (l, &width) in LIGHTS.iter().enumerate() {
             let light = EnvironmentMap::new(lamps(width, 1000 + l as u64))

@@ -6,7 +6,10 @@ use std::{f32::consts::TAU, rc::Rc};
 use glam::Vec3;
 use render::{bsdf::Model, image::Image, lat_long::LatLong, mesh::Mesh, sampler::SampleKey};
 
-use super::{Bench, StudyError, trial::Trial};
+use super::{
+    Bench, Scale, StudyError,
+    trial::{Solved, Trial},
+};
 use crate::{
     evaluate::{
         Truth,
@@ -49,7 +52,7 @@ pub struct Setup {
 }
 
 impl Setup {
-    /// What studies vary one thing of.
+    /// What studies vary one thing of: in full.
     pub const BASE: Self = Self {
         lamp: 12.0,
         alpha: None,
@@ -60,6 +63,20 @@ impl Setup {
         scene: 0,
         seed: 0,
     };
+
+    /// The same with what a scale has time for: a photograph costs as much as its part of the solve.
+    pub fn of(scale: Scale) -> Self {
+        let (frames, resolution) = match scale {
+            Scale::Glance => (6, 16),
+            Scale::Quick => (Self::BASE.frames, 32),
+            Scale::Full => (Self::BASE.frames, Self::BASE.resolution),
+        };
+        Self {
+            frames,
+            resolution,
+            ..Self::BASE
+        }
+    }
 
     /// The capture with its truth.
     ///
@@ -114,20 +131,43 @@ impl Setup {
     }
 }
 
-/// Steps of a reconstruction: the schedule's coarse stage, whose light has texels of 7°.
-pub(super) const STEPS: u64 = 24;
-/// Memory for each in bytes, which divides the surface of so small an object into a few hundred patches: seconds each.
-const MEMORY: u64 = 250 << 20;
+/// Steps of a reconstruction: one at a glance, else the schedule's coarse stage, whose light has texels of 7°.
+const STEPS: [u64; 3] = [1, 24, 24];
+/// Memory for each in bytes, which divides the surface of so small an object into a few hundred patches, seconds each; fewer at a
+/// glance.
+const MEMORY: [u64; 3] = [160 << 20, 218 << 20, 218 << 20];
+/// What a photograph's mask takes of it: more photographs are not to be paid for in patches.
+const MEMORY_A_PHOTOGRAPH: u64 = 2 << 20;
+
+/// Steps of the reconstruction of a small capture.
+pub(super) fn steps(bench: &Bench<'_>) -> u64 {
+    bench.of_scale(STEPS)
+}
 
 /// How small captures are reconstructed: the same on any machine.
 pub(super) fn settings(bench: &Bench<'_>, trial: &Trial, seed: u64) -> Settings {
     Settings {
         time_limit: None,
-        iterations: Some(STEPS),
-        memory: MEMORY,
+        iterations: Some(steps(bench)),
+        memory: bench.of_scale(MEMORY) + MEMORY_A_PHOTOGRAPH * trial.capture.frames.len() as u64,
         seed,
         ..bench.settings(trial)
     }
+}
+
+/// A capture, and what is recovered of it with occluders in the model where somebody is in the light; its seed is the solver's
+/// as well.
+///
+/// # Errors
+/// A scene that cannot be rendered, a capture that cannot be reconstructed, or the caller's stop.
+pub(super) fn solve(bench: &Bench<'_>, setup: Setup) -> Result<(Trial, Solved), StudyError> {
+    let trial = setup.trial("balls")?;
+    let settings = Settings {
+        occluders: setup.person.is_some(),
+        ..settings(bench, &trial, setup.seed)
+    };
+    let solved = bench.reconstructed(&trial, &format!("{setup:?}"), &settings)?;
+    Ok((trial, solved))
 }
 
 /// Three balls of different sizes that touch.

@@ -1,17 +1,20 @@
 //! Fig. 9 and S3: one thing varied at a time on small captures of our own, with somebody in the light and with nobody.
 
+use std::cmp::Ordering;
+
 use serde_json::{Map, Value, json};
 
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
-    evidence::{Axis, Chart, Content, Figure, Series},
-    small::{STEPS, Setup, settings},
+    evidence::{Axis, Chart, Content, Figure, Series, listed, seeds},
+    small::{Setup, solve, steps},
 };
-use crate::{report::text::number, settings::Settings};
+use crate::report::text::number;
 
-/// Seeds of scene, noise and solver together.
-const SEEDS: [u64; 2] = [1, 3];
+/// Names of the sweeps whose trends are a part of the claim.
+const LAMPS: &str = "lamps";
+const PERSON: &str = "person";
 
 /// The study.
 pub(super) struct Sweeps;
@@ -23,11 +26,8 @@ impl Study for Sweeps {
 
     fn run(&self, bench: &Bench<'_>) -> Result<Evidence, StudyError> {
         let mut found = Found::default();
-        let curves: Result<Vec<Curve>, StudyError> = sweeps(bench)
-            .into_iter()
-            .map(|sweep| Curve::new(bench, sweep, &mut found))
-            .collect();
-        Ok(evidence(bench, &curves?))
+        let curves = bench.each(sweeps(bench), |sweep| Curve::new(bench, sweep, &mut found))?;
+        Ok(evidence(bench, &curves))
     }
 }
 
@@ -39,42 +39,51 @@ struct Sweep {
     points: Vec<(f64, Setup)>,
 }
 
-/// What is varied, and over which values.
+/// What is varied, and over which values: at a glance, quick, and in full. Quick ones have a third value where a part of the
+/// claim is about a trend.
 fn sweeps(bench: &Bench<'_>) -> Vec<Sweep> {
-    let base = Setup::BASE;
-    let sweep = |name, label, logarithmic, values: [&[f32]; 2], set: &dyn Fn(f32) -> Setup| Sweep {
+    let base = Setup::of(bench.scale);
+    let sweep = |name, label, logarithmic, values: [&[f32]; 3], set: &dyn Fn(f32) -> Setup| Sweep {
         name,
         label,
         logarithmic,
         points: bench
-            .pick(values)
+            .of_scale(values)
             .iter()
             .map(|&value| (f64::from(value), set(value)))
             .collect(),
     };
     vec![
         sweep(
-            "lamps",
+            LAMPS,
             "width of lamps, degrees",
             false,
-            [&[5.0, 12.0, 30.0], &[4.0, 7.0, 12.0, 20.0, 30.0, 45.0]],
+            [
+                &[12.0, 30.0],
+                &[5.0, 12.0, 30.0],
+                &[4.0, 7.0, 12.0, 20.0, 30.0, 45.0],
+            ],
             &|lamp| Setup { lamp, ..base },
         ),
         sweep(
             "roughness",
             "roughness α; 1 is matt",
             false,
-            [&[0.2, 0.5, 1.0], &[0.1, 0.2, 0.35, 0.5, 0.7, 1.0]],
+            [&[0.2, 1.0], &[0.2, 1.0], &[0.1, 0.2, 0.35, 0.5, 0.7, 1.0]],
             &|alpha| Setup {
                 alpha: (alpha < 1.0).then_some(alpha),
                 ..base
             },
         ),
         sweep(
-            "person",
+            PERSON,
             "height of the person, relative",
             false,
-            [&[0.5, 1.0, 1.6], &[0.3, 0.5, 0.75, 1.0, 1.3, 1.6]],
+            [
+                &[1.0, 1.6],
+                &[0.5, 1.0, 1.6],
+                &[0.3, 0.5, 0.75, 1.0, 1.3, 1.6],
+            ],
             &|person| Setup {
                 person: Some(person),
                 ..base
@@ -84,7 +93,7 @@ fn sweeps(bench: &Bench<'_>) -> Vec<Sweep> {
             "images",
             "photographs",
             false,
-            [&[8.0, 16.0, 32.0], &[4.0, 8.0, 16.0, 32.0, 64.0, 96.0]],
+            [&[6.0], &[8.0, 16.0], &[4.0, 8.0, 16.0, 32.0, 64.0, 96.0]],
             &|frames| Setup {
                 frames: frames as usize,
                 ..base
@@ -95,7 +104,8 @@ fn sweeps(bench: &Bench<'_>) -> Vec<Sweep> {
             "noise of a photograph's value of 0.75",
             true,
             [
-                &[0.001, 0.005, 0.05],
+                &[0.005],
+                &[0.005, 0.05],
                 &[0.001, 0.002, 0.005, 0.01, 0.02, 0.05],
             ],
             &|noise| Setup { noise, ..base },
@@ -103,59 +113,53 @@ fn sweeps(bench: &Bench<'_>) -> Vec<Sweep> {
     ]
 }
 
-/// Relative squared errors of light for setups that have been solved: [with somebody, with nobody] a seed.
+/// Relative squared errors of light for setups that have been solved.
 #[derive(Default)]
-struct Found(Vec<(Setup, Vec<[f64; 2]>)>);
+struct Found(Vec<(Setup, f64)>);
 
 impl Found {
+    /// With somebody in the light and with nobody, a seed each.
     fn of(&mut self, bench: &Bench<'_>, setup: Setup) -> Result<Vec<[f64; 2]>, StudyError> {
-        if let Some((_, errors)) = self.0.iter().find(|(known, _)| *known == setup) {
-            return Ok(errors.clone());
-        }
-        let mut errors = Vec::new();
-        for seed in 0..bench.pick(SEEDS) {
-            let seeded = Setup {
+        bench.each(bench.seeds(), |seed| {
+            let somebody = Setup {
                 scene: seed,
                 seed,
                 ..setup
             };
             let nobody = Setup {
                 person: None,
-                ..seeded
+                ..somebody
             };
-            let mut pair = [f64::NAN; 2];
-            for (error, setup) in pair.iter_mut().zip([seeded, nobody]) {
-                let trial = setup.trial("balls")?;
-                let settings = Settings {
-                    occluders: setup.person.is_some(),
-                    ..settings(bench, &trial, seed)
-                };
-                let solved = bench.reconstructed(&trial, &format!("{setup:?}"), &settings)?;
-                let score = solved.scores.environment.texels;
-                *error = score.relative_mse_aligned.unwrap_or(f64::NAN);
-            }
-            errors.push(pair);
+            Ok([self.error(bench, somebody)?, self.error(bench, nobody)?])
+        })
+    }
+
+    fn error(&mut self, bench: &Bench<'_>, setup: Setup) -> Result<f64, StudyError> {
+        if let Some((_, error)) = self.0.iter().find(|(known, _)| *known == setup) {
+            return Ok(*error);
         }
-        self.0.push((setup, errors.clone()));
-        Ok(errors)
+        let (_, solved) = solve(bench, setup)?;
+        let error = solved.scores.environment.texels.relative_mse_aligned;
+        let error = error.unwrap_or(f64::NAN);
+        self.0.push((setup, error));
+        Ok(error)
     }
 }
 
 /// A sweep's errors.
 struct Curve {
     sweep: Sweep,
+    /// `[value][seed]`: with somebody in the light and with nobody.
     errors: Vec<Vec<[f64; 2]>>,
 }
 
 impl Curve {
-    fn new(bench: &Bench<'_>, sweep: Sweep, found: &mut Found) -> Result<Self, StudyError> {
-        let points = sweep.points.iter();
-        let errors: Result<_, StudyError> =
-            points.map(|(_, setup)| found.of(bench, *setup)).collect();
-        Ok(Self {
-            errors: errors?,
-            sweep,
-        })
+    fn new(bench: &Bench<'_>, mut sweep: Sweep, found: &mut Found) -> Result<Self, StudyError> {
+        let setups = sweep.points.iter();
+        let errors = bench.each(setups, |(_, setup)| found.of(bench, *setup))?;
+        // After a stop only those that were solved.
+        sweep.points.truncate(errors.len());
+        Ok(Self { errors, sweep })
     }
 
     /// Means over seeds.
@@ -170,7 +174,7 @@ impl Curve {
     fn helpless(&self) -> Vec<f64> {
         let points = self.sweep.points.iter().zip(&self.errors);
         points
-            .filter(|(_, pairs)| pairs.iter().any(|[with, without]| with >= without))
+            .filter(|(_, pairs)| pairs.iter().any(no_help))
             .map(|((value, _), _)| *value)
             .collect()
     }
@@ -182,8 +186,8 @@ impl Curve {
         };
         let helpless = self.helpless();
         let but = match helpless.is_empty() {
-            true => String::new(),
-            false => format!("; no help at {}", super::evidence::listed(&helpless)),
+            true => " (better in every seed: held)".to_owned(),
+            false => format!(" (no help in some seed at {}: not held)", listed(&helpless)),
         };
         let points = &self.sweep.points;
         format!(
@@ -197,9 +201,72 @@ impl Curve {
     }
 }
 
+/// Whether somebody in the light did not lower the error. An error that is no number is lower than nothing.
+fn no_help([with, without]: &[f64; 2]) -> bool {
+    with.partial_cmp(without) != Some(Ordering::Less)
+}
+
+/// A part of the claim beyond "better with somebody than with nobody": what is less at the end of a sweep than at its start, in
+/// every seed.
+struct Trend {
+    words: String,
+    held: bool,
+}
+
+impl Trend {
+    /// That `of` a pair of errors falls; none of a sweep of one value, as is left after a stop.
+    fn new(curve: &Curve, what: &str, of: fn(&[f64; 2]) -> f64) -> Option<Self> {
+        let all: Vec<Vec<f64>> = curve
+            .errors
+            .iter()
+            .map(|p| p.iter().map(of).collect())
+            .collect();
+        let (first, last) = (all.first()?, all.last()?);
+        if all.len() < 2 {
+            return None;
+        }
+        let mut pairs = first.iter().zip(last);
+        let held = pairs.all(|(a, b)| a > b);
+        let means: Vec<f64> = all
+            .iter()
+            .map(|v| v.iter().sum::<f64>() / v.len() as f64)
+            .collect();
+        let values: Vec<f64> = curve.sweep.points.iter().map(|point| point.0).collect();
+        let word = if held { "held" } else { "not held" };
+        Some(Self {
+            words: format!(
+                "{what}: {word} ({} at {}, means; from {} to {} at the ends, a seed each)",
+                listed(&means),
+                listed(&values),
+                listed(first),
+                listed(last)
+            ),
+            held,
+        })
+    }
+
+    /// What the paper says of the trends of these curves.
+    fn all(curves: &[Curve]) -> Vec<Self> {
+        let find = |name: &str| curves.iter().find(|curve| curve.sweep.name == name);
+        let size = find(PERSON).and_then(|curve| {
+            let what = "larger occluders lower the error of the light";
+            Self::new(curve, what, |[with, _]| *with)
+        });
+        // Wide lamps are light of low frequency.
+        let frequency = find(LAMPS).and_then(|curve| {
+            let what = "the share of the error that somebody in the light takes away grows with the light's frequency";
+            Self::new(curve, what, |[with, without]| 1.0 - with / without)
+        });
+        size.into_iter().chain(frequency).collect()
+    }
+}
+
 fn evidence(bench: &Bench<'_>, curves: &[Curve]) -> Evidence {
-    let held: Vec<bool> = curves.iter().map(|c| c.helpless().is_empty()).collect();
-    let sentences: Vec<String> = curves.iter().map(Curve::sentence).collect();
+    let trends = Trend::all(curves);
+    let helps = curves.iter().map(|c| c.helpless().is_empty());
+    let held: Vec<bool> = helps.chain(trends.iter().map(|t| t.held)).collect();
+    let mut sentences: Vec<String> = curves.iter().map(Curve::sentence).collect();
+    sentences.extend(trends.into_iter().map(|trend| trend.words));
     let numbers: Map<String, Value> = curves
         .iter()
         .map(|curve| {
@@ -220,27 +287,38 @@ fn evidence(bench: &Bench<'_>, curves: &[Curve]) -> Evidence {
         title: "Light, material, occluder, photographs and noise, one at a time",
         source: "Verbin et al. 2024, Fig. 9 and S3",
         claim: "Over the frequency of light, roughness, the occluder's size, the number of images and their noise, light is recovered \
-                better with an unseen occluder that is modelled than without one in the scene.",
+                better with an unseen occluder that is modelled than without one in the scene; larger occluders help more; and the gain \
+                grows with the light's frequency.",
         verdict: Verdict::of(&held),
         sentence: format!("relative squared error of the light {}.", sentences.join("; ")),
         numbers: Value::Object(numbers),
         figures: curves.iter().map(figure).collect(),
         notes: vec![
-            format!(
-                "Three balls under six lamps of 12° (standard deviation), matt, {} photographs of {} x {} pixels, noise 0.005, a \
-                 person of usual height, unless varied; {} seed(s) for lamps, noise and solver alike. The fast preset, {STEPS} steps: \
-                 its coarse stage, so that no error falls below what texels of 7° can represent. Errors after the best scale of each \
-                 channel; the helpless points are those at which nobody in the light is as good in any seed.",
-                Setup::BASE.frames,
-                Setup::BASE.resolution,
-                Setup::BASE.resolution,
-                bench.pick(SEEDS),
-            ),
+            conditions(bench),
+            "Somebody is no help where nobody in the light is as good in any seed. A trend holds where it does between the ends of \
+             its sweep in every seed. The gain from somebody in the light is the share of the error that they take away."
+                .into(),
             "The paper also varies secondary rays of its Monte Carlo estimate; the fast preset integrates by quadrature and has none. \
              Its occluders are masks on a sphere, as these are."
                 .into(),
         ],
     }
+}
+
+fn conditions(bench: &Bench<'_>) -> String {
+    let base = Setup::of(bench.scale);
+    format!(
+        "Three balls under six lamps of {}° (standard deviation), matt, {} photographs of {} x {} pixels, noise {}, a person of usual \
+         height, unless varied; {} for lamps, noise and solver alike. The fast preset, {} steps: its coarse stage, so that no error \
+         falls below what texels of 7° can represent. Errors after the best scale of each channel.",
+        base.lamp,
+        base.frames,
+        base.resolution,
+        base.resolution,
+        base.noise,
+        seeds(bench.seeds().end),
+        steps(bench),
+    )
 }
 
 fn figure(curve: &Curve) -> Figure {
@@ -274,5 +352,58 @@ fn figure(curve: &Curve) -> Figure {
                 dots("nobody", 1),
             ],
         }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A curve of two seeds that was measured at these values.
+    fn curve(name: &'static str, errors: &[(f64, [[f64; 2]; 2])]) -> Curve {
+        let points = errors.iter().map(|(value, _)| (*value, Setup::BASE));
+        Curve {
+            sweep: Sweep {
+                name,
+                label: name,
+                logarithmic: false,
+                points: points.collect(),
+            },
+            errors: errors.iter().map(|(_, seeds)| seeds.to_vec()).collect(),
+        }
+    }
+
+    #[test]
+    fn an_error_that_is_no_number_is_no_help() {
+        assert!(!no_help(&[0.1, 0.2]));
+        for pair in [[0.2, 0.2], [f64::NAN, 0.2], [0.1, f64::NAN]] {
+            assert!(no_help(&pair), "{pair:?}");
+        }
+        let broken = curve(
+            "noise",
+            &[(1.0, [[0.1, 0.2]; 2]), (2.0, [[0.1, 0.2], [f64::NAN, 0.2]])],
+        );
+        assert_eq!(broken.helpless(), [2.0]);
+        assert!(broken.sentence().contains("at 2: not held"));
+    }
+
+    #[test]
+    fn trends_hold_where_every_seed_has_them() {
+        let person = |last: [[f64; 2]; 2]| curve(PERSON, &[(0.5, [[0.4, 0.5]; 2]), (1.6, last)]);
+        let held = |curve: Curve| Trend::all(&[curve])[0].held;
+        assert!(held(person([[0.2, 0.5], [0.3, 0.5]])));
+        assert!(!held(person([[0.2, 0.5], [0.4, 0.5]])));
+        assert!(!held(person([[0.2, 0.5], [f64::NAN, 0.5]])));
+        // Narrow lamps: half of the error is gone; wide ones: a fifth.
+        let lamps = [(5.0, [[0.3, 0.6]; 2]), (30.0, [[0.4, 0.5]; 2])];
+        let trends = Trend::all(&[curve(LAMPS, &lamps)]);
+        assert!(trends[0].held);
+        let words = &trends[0].words;
+        assert!(
+            words.contains("frequency: held (0.5, 0.2 at 5, 30"),
+            "{words}"
+        );
+        // Of a sweep that was cut short nothing is said.
+        assert!(Trend::all(&[curve(LAMPS, &lamps[..1])]).is_empty());
     }
 }

@@ -8,17 +8,19 @@ use super::{
     bench::Bench,
     evidence::{Axis, Chart, Content, Figure, Picture, Series, Tone},
     ranks::rank_correlation,
-    small::{STEPS, Setup, settings},
+    small::{Setup, settings, steps},
     trial::{Solved, Trial},
 };
 use crate::report::text::number;
 
-/// Draws of noise, and seeds of the solver with them.
-const DRAWS: [u64; 2] = [5, 12];
+/// Draws of noise, and seeds of the solver with them: at a glance, quick, in full.
+const DRAWS: [u64; 3] = [2, 5, 12];
 /// Errors are of the size of deviations when their ratio lies between this and one over it.
 const HONEST: f64 = 0.5;
 /// Where deviations are large errors should be: least rank correlation over directions.
 const CORRELATED: f64 = 0.4;
+/// Where so many times as many numbers may be known as were found to be, solves were too short for their deviations.
+const UNFINISHED: f64 = 1.5;
 
 /// The study.
 pub(super) struct Uncertain;
@@ -29,21 +31,27 @@ impl Study for Uncertain {
     }
 
     fn run(&self, bench: &Bench<'_>) -> Result<Evidence, StudyError> {
-        let mut draws = Vec::new();
         let mut light = None;
-        for seed in 0..bench.pick(DRAWS) {
+        let draws = bench.each(0..bench.of_scale(DRAWS), |seed| {
             let trial = Setup {
                 seed,
-                ..Setup::BASE
+                ..Setup::of(bench.scale)
             }
             .trial("balls")?;
             let settings = settings(bench, &trial, seed);
             let solved = bench.reconstructed(&trial, &format!("draw {seed}"), &settings)?;
-            draws.push(Draw::new(&trial, &solved)?);
-            light = Some(trial.light.clone());
+            let draw = Draw::new(&trial, &solved)?;
+            light.get_or_insert(trial.light);
+            Ok(draw)
+        })?;
+        // One draw has no spread.
+        match light {
+            Some(light) if draws.len() > 1 => {
+                let spread = Spread::new(&light, &draws);
+                Ok(evidence(bench, &spread, &draws))
+            }
+            _ => Err(bench.nothing("at least two draws")),
         }
-        let light = light.ok_or(StudyError::Nothing("at least one draw"))?;
-        Ok(evidence(&Spread::new(&light, &draws), &draws))
     }
 }
 
@@ -160,7 +168,7 @@ impl Spread {
     }
 }
 
-fn evidence(spread: &Spread, draws: &[Draw]) -> Evidence {
+fn evidence(bench: &Bench<'_>, spread: &Spread, draws: &[Draw]) -> Evidence {
     let noise = Spread::ratio(&spread.between, &spread.predicted);
     let light = Spread::ratio(&spread.error, &spread.predicted);
     let over = |of: &dyn Fn(&Draw) -> f64| mean(&draws.iter().map(of).collect::<Vec<_>>());
@@ -173,33 +181,15 @@ fn evidence(spread: &Spread, draws: &[Draw]) -> Evidence {
     let correlation = rank_correlation(&pairs(&spread.error));
     let between = rank_correlation(&pairs(&spread.between));
     let cost = over(&|d| d.cost);
-    let honest = |ratio: f64| (HONEST..=1.0 / HONEST).contains(&ratio);
     let parts = [
         honest(light),
         honest(albedo),
         honest(masks),
         correlation > CORRELATED,
     ];
-    let names = [
-        "the light's errors are not of the size of its deviations",
-        "nor the albedo's",
-        "nor the masks'",
-        "errors are not where deviations are large",
-    ];
-    let not: Vec<&str> = names
-        .into_iter()
-        .zip(parts)
-        .filter(|(_, held)| !held)
-        .map(|(n, _)| n)
-        .collect();
-    let why = match not.is_empty() {
-        true => String::new(),
-        false => format!(
-            " Not so: {}; deviations know nothing of what the model leaves out (texels and patches of finite size, masks on a shell), \
-             and take lamps for a normal distribution's tail.",
-            not.join(", ")
-        ),
-    };
+    let known = [over(&|d| d.known[0]), over(&|d| d.known[1])];
+    let why = why([light, albedo, masks], correlation, known);
+    let setup = Setup::of(bench.scale);
     Evidence {
         name: "uncertainty",
         title: "Standard deviations against errors",
@@ -232,18 +222,19 @@ fn evidence(spread: &Spread, draws: &[Draw]) -> Evidence {
             "rank_correlation_of_error": correlation,
             "rank_correlation_of_spread": between,
             "share_of_solve_time": cost,
-            "known_numbers": over(&|d| d.known[0]),
-            "known_numbers_at_most": over(&|d| d.known[1]),
+            "known_numbers": known[0],
+            "known_numbers_at_most": known[1],
         }),
         figures: figures(spread, draws),
         notes: vec![
             format!(
-                "Three balls, matt, {} photographs of {} x {} pixels with somebody in the light, {STEPS} steps of the fast preset; the \
+                "Three balls, matt, {} photographs of {} x {} pixels with somebody in the light, {} steps of the fast preset; the \
                  noise of the photographs and the seed of the solver change from draw to draw, the scene does not. The spread of \
                  draws is less than the deviation where photographs say little: there every draw returns to what was assumed.",
-                Setup::BASE.frames,
-                Setup::BASE.resolution,
-                Setup::BASE.resolution
+                setup.frames,
+                setup.resolution,
+                setup.resolution,
+                steps(bench)
             ),
             "Laplace's approximation at the solve's end: covariance (1 + A)⁻¹ in units of the prior, A by Lanczos' iteration on the \
              tape's products. Light is compared in the truth's scale, one factor a channel; deviations include what is not known of \
@@ -251,6 +242,50 @@ fn evidence(spread: &Spread, draws: &[Draw]) -> Evidence {
                 .into(),
         ],
     }
+}
+
+/// Whether errors are of the size of deviations.
+fn honest(ratio: f64) -> bool {
+    (HONEST..=1.0 / HONEST).contains(&ratio)
+}
+
+/// What failed, by the ratios of errors and deviations of light, albedo and masks, and what was measured that explains it.
+fn why(ratios: [f64; 3], correlation: f64, known: [f64; 2]) -> String {
+    let mut not = Vec::new();
+    for (what, ratio) in ["light", "albedo", "masks"].into_iter().zip(ratios) {
+        if !honest(ratio) {
+            let size = if ratio < HONEST {
+                "less than half of"
+            } else if ratio > 1.0 / HONEST {
+                "more than twice"
+            } else {
+                "not comparable with"
+            };
+            not.push(format!(
+                "errors of the {what} are {size} what was predicted"
+            ));
+        }
+    }
+    let placed = correlation > CORRELATED;
+    if !placed {
+        not.push("errors of the light are not where deviations are large".to_owned());
+    }
+    if not.is_empty() {
+        return String::new();
+    }
+    // A short solve counts what it had no time to find as unknown.
+    let unfinished = known[1] > UNFINISHED * known[0];
+    let smaller = ratios.iter().any(|ratio| *ratio < HONEST);
+    let cause = match smaller && unfinished {
+        true => format!(
+            "deviations are too large where a solve had no time to find what is known: {} numbers were, up to {} may be",
+            number(known[0]),
+            number(known[1])
+        ),
+        false => "the cause was not found; deviations know nothing of what the model leaves out"
+            .to_owned(),
+    };
+    format!(" Not so: {}; {cause}.", not.join(", "))
 }
 
 fn figures(spread: &Spread, draws: &[Draw]) -> Vec<Figure> {
@@ -317,4 +352,25 @@ fn figures(spread: &Spread, draws: &[Draw]) -> Vec<Figure> {
             ]),
         },
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reasons_follow_what_was_measured() {
+        assert_eq!(why([1.0, 0.6, 1.9], 0.5, [10.0, 10.0]), "");
+        let large = why([3.0, 1.0, 1.0], 0.5, [10.0, 90.0]);
+        assert!(large.contains("light are more than twice what"), "{large}");
+        assert!(large.contains("the cause was not found"), "{large}");
+        let small = why([1.0, 1.0, 0.2], 0.1, [10.0, 90.0]);
+        assert!(
+            small.contains("masks are less than half of what"),
+            "{small}"
+        );
+        assert!(small.contains("not where deviations"), "{small}");
+        assert!(small.contains("up to 90 may be"), "{small}");
+        assert!(!why([f64::NAN, 1.0, 1.0], 0.5, [1.0; 2]).is_empty());
+    }
 }

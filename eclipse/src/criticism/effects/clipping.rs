@@ -56,6 +56,9 @@ impl Effect for Clipping {
             })
             .collect()
     }
+    fn is_of_one_sum(&self) -> bool {
+        false
+    }
     fn record(&self, value: &Var, terms: &[Recorded]) -> Var {
         terms.iter().fold(value.clone(), |out, term| {
             out - &term.beta * (value - &term.field).relu()

@@ -47,6 +47,9 @@ impl Effect for Medium {
         }
         terms
     }
+    fn is_of_one_sum(&self) -> bool {
+        false
+    }
     fn record(&self, value: &Var, terms: &[Recorded]) -> Var {
         let Some((first, air)) = terms.split_first() else {
             return value.clone();

@@ -187,6 +187,10 @@ pub trait Effect: Sync {
     fn is_of_the_camera(&self) -> bool {
         false
     }
+    /// Whether [`record`](Self::record) uses its numbers as [`weighted`] sum only, so that one derivative serves all of them.
+    fn is_of_one_sum(&self) -> bool {
+        true
+    }
     /// Its place in the forward model: from the values that reach it to those that leave it.
     fn record(&self, value: &Var, terms: &[Recorded]) -> Var {
         match weighted(terms) {

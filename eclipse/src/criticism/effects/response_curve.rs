@@ -65,6 +65,9 @@ impl Effect for ResponseCurve {
             },
         ))
     }
+    fn is_of_one_sum(&self) -> bool {
+        false
+    }
     fn record(&self, value: &Var, terms: &[Recorded]) -> Var {
         let Some(first) = terms.first() else {
             return value.clone();

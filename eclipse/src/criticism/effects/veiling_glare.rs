@@ -89,6 +89,9 @@ impl Effect for VeilingGlare {
             }),
         })
     }
+    fn is_of_one_sum(&self) -> bool {
+        false
+    }
     fn record(&self, value: &Var, terms: &[Recorded]) -> Var {
         terms.iter().fold(value.clone(), |out, term| {
             out + &term.beta * (&term.field - value)

@@ -59,6 +59,9 @@ impl Effect for Vignetting {
             [1.0 + a as f32 * r2 + b as f32 * r2 * r2; 3]
         }))
     }
+    fn is_of_one_sum(&self) -> bool {
+        false
+    }
     fn record(&self, value: &Var, terms: &[Recorded]) -> Var {
         match weighted(terms) {
             Some(sum) => value * sum.affine(1.0, 1.0),

@@ -1,10 +1,7 @@
 //! The specular lobe as a part of the nuisance.
 
 use super::{Fit, FitError, Study};
-use crate::criticism::{
-    scene::Scene,
-    transport::{Lobe, Transport},
-};
+use crate::criticism::{scene::Scene, transport::Lobe};
 
 /// What is expected of the lobe: α = 0.45 within a factor, κ = 0.04.
 const LOBE_PRIOR: [(f32, f32); 2] = [(-0.8, 0.6), (0.04, 0.03)];
@@ -16,7 +13,7 @@ impl Fit {
             return Ok(Vec::new());
         };
         let value = |lobe: Lobe| {
-            let transport = Transport::new(&self.horizon, &study.seen, Some(lobe));
+            let transport = self.occluded(study, study.transport(&self.horizon, Some(lobe)));
             let scene = Scene {
                 transport: &transport,
                 bare: &transport,
@@ -24,7 +21,7 @@ impl Fit {
             };
             scene.lit_by(&self.radiance)
         };
-        let [(log_mean, log_sd), (kappa_mean, kappa_sd)] = LOBE_PRIOR;
+        let [(_, log_sd), (_, kappa_sd)] = LOBE_PRIOR;
         let step = 0.05f32;
         let wide = value(Lobe {
             alpha: own.alpha * step.exp(),
@@ -48,14 +45,23 @@ impl Fit {
         Ok(vec![
             (
                 difference(&wide, &narrow, log_sd / (2.0 * step)),
-                (own.alpha.ln() - log_mean) / log_sd,
+                unusual(own)[0],
             ),
             (
                 difference(&more, &less, kappa_sd / (high - low)),
-                (own.kappa - kappa_mean) / kappa_sd,
+                unusual(own)[1],
             ),
         ])
     }
+}
+
+/// Where a lobe lies in the prior, in standard deviations.
+pub(super) fn unusual(lobe: Lobe) -> [f32; 2] {
+    let [(log_mean, log_sd), (kappa_mean, kappa_sd)] = LOBE_PRIOR;
+    [
+        (lobe.alpha.ln() - log_mean) / log_sd,
+        (lobe.kappa - kappa_mean) / kappa_sd,
+    ]
 }
 
 /// A lobe after a step in units of the prior.

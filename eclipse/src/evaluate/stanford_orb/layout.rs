@@ -5,7 +5,7 @@
 //! another scene, beside this one, which photographs the same object elsewhere.
 
 use std::{
-    path::{Path, PathBuf},
+    path::{Component, Path, PathBuf},
     str::FromStr,
 };
 
@@ -13,7 +13,10 @@ use render::image::Image;
 
 use super::{StanfordOrbError, similarity::RESOLUTION};
 use crate::{
-    capture::{CaptureError, parse_transforms, transforms::MAX_TRANSFORMS},
+    capture::{
+        CaptureError, parse_transforms,
+        transforms::{MAX_TRANSFORMS, TransformsFrame},
+    },
     files::read_limited,
     image_io::{ColorEncoding, read_image},
 };
@@ -66,7 +69,7 @@ pub struct View {
 /// The views of `split`, in the order of the file.
 ///
 /// # Errors
-/// A file that cannot be read, or has no such frames.
+/// A file that cannot be read, or has no such frames, or frames whose files lie outside the benchmark's folder.
 pub fn views(scene: &Path, split: Split) -> Result<Vec<View>, StanfordOrbError> {
     let path = scene.join(format!("transforms_{}.json", split.name()));
     let bytes = read_limited(&path, MAX_TRANSFORMS).map_err(|source| CaptureError::Read {
@@ -75,29 +78,80 @@ pub fn views(scene: &Path, split: Split) -> Result<Vec<View>, StanfordOrbError> 
     })?;
     let transforms = parse_transforms(&bytes, &path)?;
     let mut views = Vec::new();
-    for frame in transforms.frames {
-        let file = PathBuf::from(frame.file_path.replace('\\', "/"));
-        let stem = file.file_stem().unwrap_or_default().to_string_lossy();
-        let folder = file.parent().unwrap_or(Path::new(""));
-        let (root, name) = match (&frame.scene_name, split) {
-            (Some(other), Split::Novel) => {
-                (scene.join("..").join(other), format!("{other}/{stem}"))
-            }
-            _ => (scene.to_owned(), stem.clone().into_owned()),
-        };
-        let mut masks = folder.as_os_str().to_owned();
-        masks.push("_mask");
-        views.push(View {
-            name,
-            image: root.join(folder).join(format!("{stem}.exr")),
-            mask: root.join(masks).join(format!("{stem}.png")),
-        });
+    for frame in &transforms.frames {
+        views.push(view(scene, split, frame, &path)?);
     }
     if views.is_empty() {
         let wanted = split.name().to_owned();
         return Err(StanfordOrbError::NoViews { path, wanted });
     }
     Ok(views)
+}
+
+/// The view of a frame that `json` lists.
+fn view(
+    scene: &Path,
+    split: Split,
+    frame: &TransformsFrame,
+    json: &Path,
+) -> Result<View, StanfordOrbError> {
+    let file = within(&frame.file_path, "file_path", json)?;
+    let stem = file.file_stem().unwrap_or_default().to_string_lossy();
+    let folder = file.parent().unwrap_or(Path::new(""));
+    let (root, name) = match (&frame.scene_name, split) {
+        (Some(other), Split::Novel) => {
+            let other = within(other, "scene_name", json)?;
+            let name = format!("{}/{stem}", other.display());
+            (scene.join("..").join(other), name)
+        }
+        _ => (scene.to_owned(), stem.clone().into_owned()),
+    };
+    let mut masks = folder.as_os_str().to_owned();
+    masks.push("_mask");
+    let view = View {
+        name,
+        image: root.join(folder).join(format!("{stem}.exr")),
+        mask: root.join(masks).join(format!("{stem}.png")),
+    };
+    // What is not there, or has no parent, is said when it is read.
+    if let Ok(benchmark) = scene.join("..").canonicalize() {
+        for file in [&view.image, &view.mask] {
+            if file
+                .canonicalize()
+                .is_ok_and(|file| !file.starts_with(&benchmark))
+            {
+                return Err(outside(json, "file_path", &frame.file_path));
+            }
+        }
+    }
+    Ok(view)
+}
+
+/// `name` as a path that leads down and nowhere else.
+fn within(name: &str, field: &'static str, json: &Path) -> Result<PathBuf, StanfordOrbError> {
+    let path = PathBuf::from(name.replace('\\', "/"));
+    let mut down = PathBuf::new();
+    for part in path.components() {
+        match part {
+            Component::Normal(part) => down.push(part),
+            Component::CurDir => {}
+            Component::Prefix(_) | Component::RootDir | Component::ParentDir => {
+                return Err(outside(json, field, name));
+            }
+        }
+    }
+    match down.file_stem() {
+        Some(_) => Ok(down),
+        None => Err(outside(json, field, name)),
+    }
+}
+
+fn outside(json: &Path, field: &'static str, name: &str) -> StanfordOrbError {
+    StanfordOrbError::Outside {
+        path: json.into(),
+        field,
+        name: name.into(),
+    }
 }
 
 /// The photograph and its mask, averaged to the benchmark's resolution.

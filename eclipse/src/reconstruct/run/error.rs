@@ -20,6 +20,19 @@ pub enum ReconstructError {
         /// The capture.
         path: PathBuf,
     },
+    /// The capture takes more memory than a run may.
+    #[error(
+        "a run takes about {needed} MiB of memory even with the surface divided as coarsely as it can be, more than the {allowed} MiB \
+         allowed: give eclipse reconstruct --memory {needed}MiB or more (diagnose takes what it finds, with --reconstruction), or use \
+         fewer or smaller photographs",
+        needed = needed.div_ceil(1 << 20), allowed = allowed >> 20
+    )]
+    Memory {
+        /// What the coarsest plan takes, in bytes.
+        needed: u64,
+        /// What the settings allow, in bytes.
+        allowed: u64,
+    },
     /// The mesh cannot be traced.
     #[error(transparent)]
     Mesh(#[from] MeshError),
@@ -47,7 +60,9 @@ impl ReconstructError {
     /// Whether the capture, or the result to start from, is to blame and not the run.
     pub fn is_of_the_input(&self) -> bool {
         match self {
-            Self::KnownLamps { .. } | Self::Mesh(_) | Self::NothingToFit => true,
+            Self::KnownLamps { .. } | Self::Memory { .. } | Self::Mesh(_) | Self::NothingToFit => {
+                true
+            }
             Self::Paper(error) => matches!(error, PaperError::NoPixels | PaperError::Start { .. }),
             Self::Graph(_) | Self::Tape(_) | Self::Checkpoint(_) => false,
         }

@@ -4,6 +4,7 @@ use render::lat_long::LatLong;
 
 use super::{
     super::{fast::Stage, shell::Shells, surface},
+    ReconstructError, memory,
     uncertainty::MOST_PRODUCTS,
 };
 use crate::{
@@ -16,6 +17,21 @@ const SEEN: f64 = 0.47;
 /// Fewer sites or patches than this say too little about light.
 const LEAST: [usize; 2] = [500, 150];
 
+/// Refuses a run of which even the coarsest plan takes more memory than the settings allow.
+///
+/// # Errors
+/// [`ReconstructError::Memory`].
+pub fn check_memory(capture: &Capture, settings: &Settings) -> Result<(), ReconstructError> {
+    let needed = memory(capture, settings);
+    if needed <= settings.memory {
+        return Ok(());
+    }
+    Err(ReconstructError::Memory {
+        needed,
+        allowed: settings.memory,
+    })
+}
+
 /// How many sites the surface has and how finely the largest stage divides it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Plan {
@@ -26,7 +42,7 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// The finest that fits into the settings' memory; where even the coarsest does not, that.
+    /// The finest that fits into the settings' memory; where even the coarsest does not, that, which [`check_memory`] refuses.
     pub(super) fn new(capture: &Capture, settings: &Settings, largest: &Stage) -> Self {
         let mut plan = Self {
             sites: surface::sites_for(&capture.frames),
@@ -73,5 +89,85 @@ impl Plan {
         let moved = 8.0 * grid.len() as f64 + 3.0 * self.patches as f64 + harmonics;
         let doubt = 2.0 * MOST_PRODUCTS as f64 * 4.0 * moved;
         (images + sights + rows + tape + masks + mesh + doubt + 80e6) as u64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+    use render::{camera::Camera, image::Image, mesh::Mesh};
+
+    use super::*;
+    use crate::{capture::Frame, control::Control, reconstruct::run, settings::Preset};
+
+    /// A photograph of a ball.
+    fn capture() -> Capture {
+        let frame = Frame {
+            name: "000".to_owned(),
+            camera: Camera::look_at(32, 32, 0.5, 4.0 * Vec3::X, Vec3::ZERO),
+            image: Image::filled(32, 32, 3, 0.5),
+            mask: Image::filled(32, 32, 1, 1.0),
+        };
+        Capture {
+            path: "ball".into(),
+            frames: vec![frame],
+            mesh: Mesh::sphere(Vec3::ZERO, 1.0, 16),
+            centre: Vec3::ZERO,
+            lamps: None,
+        }
+    }
+
+    #[test]
+    fn a_run_that_cannot_keep_to_its_memory_is_refused_and_told_what_it_takes() {
+        let capture = capture();
+        for preset in [Preset::Fast, Preset::Paper] {
+            let with = |memory: u64| Settings {
+                preset,
+                memory,
+                ..Settings::default()
+            };
+            check_memory(&capture, &with(4 << 30)).unwrap();
+            let refused = run(&capture, &with(1 << 20), &Control::detached());
+            let error = refused.expect_err("a mebibyte holds no run");
+            let ReconstructError::Memory { needed, allowed } = error else {
+                panic!("{preset:?}: {error}");
+            };
+            assert!(error.is_of_the_input());
+            assert_eq!(allowed, 1 << 20);
+            check_memory(&capture, &with(needed)).unwrap();
+            assert!(check_memory(&capture, &with(needed - 1)).is_err());
+            // As much as the message says is enough.
+            let enough = needed.div_ceil(1 << 20);
+            assert!(
+                error
+                    .to_string()
+                    .contains(&format!("--memory {enough}MiB or more")),
+                "{error}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_least_memory_has_the_coarsest_plan_and_more_a_finer_one() {
+        let (capture, settings) = (capture(), Settings::default());
+        let largest = Stage {
+            rows: 50,
+            patches: 1500,
+            members: 4,
+            steps: 3,
+            products: 25,
+        };
+        let plan = |memory: u64| {
+            let settings = Settings {
+                memory,
+                ..settings.clone()
+            };
+            Plan::new(&capture, &settings, &largest)
+        };
+        let (coarsest, finest) = (plan(1), plan(4 << 30));
+        let needed = coarsest.bytes(&capture, &settings);
+        assert_eq!(plan(needed), coarsest);
+        assert!(finest.patches > coarsest.patches);
+        assert!(finest.bytes(&capture, &settings) > needed);
     }
 }

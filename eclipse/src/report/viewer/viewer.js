@@ -245,7 +245,7 @@ async function take(file) {
     await new Promise((done) => setTimeout(done, 20));
     illuminate(map, `Under ${file.name}, ${map.width} × ${map.height}.`);
   } catch (error) {
-    const exr = /\.exr$/i.test(file.name) ? " OpenEXR maps go to eclipse relight, or become Radiance maps in any HDR tool." : "";
+    const exr = /\.exr$/i.test(file.name) ? " A run's light lies beside it as environment.hdr; other OpenEXR maps go to eclipse relight, or become Radiance maps in any HDR tool." : "";
     say(`${file.name} cannot be used: ${error.message}.${exr}`, true);
   }
 }

@@ -1,0 +1,92 @@
+//! Sealed data opened: which refits they confirm.
+
+use super::{
+    compete::Choice,
+    diagnosis::{Judged, Refitted},
+    fit::{Fit, FitError},
+    frame_numbers::FrameNumbers,
+    refit::Round,
+    sealed::{self, Gain, Judge, Noise},
+    study::Study,
+};
+
+/// Probability below which a gain on sealed data is not chance, for the best refit of a round; the second best has half of it. Held-out
+/// data cannot stand in for sealed ones: folds have no gutters between them, and of twenty candidates the best was taken.
+const SEALED_LEVEL: f64 = 0.05;
+/// A gain on sealed data whose probability by chance is less than this, but not small enough, calls for more photographs.
+const PERHAPS: f64 = 0.3;
+/// What sealed data confirm.
+pub struct Opened<'a> {
+    /// What stands, in order.
+    pub path: Vec<Step<'a>>,
+    /// A stand-in for physics outside the table that does best.
+    pub unknown: Option<&'static str>,
+    /// Whether an effect that refits speak for gains there, but not enough.
+    pub refused: bool,
+}
+
+/// One effect that stands.
+pub struct Step<'a> {
+    /// The effect.
+    pub choice: &'a Choice,
+    /// The model with it.
+    pub fit: &'a Fit,
+    /// What sealed data gain.
+    pub gain: Gain,
+}
+
+/// Asks the sealed data: of every round the best refit and, where they refuse it, the next best at a stricter level. Later rounds
+/// began with the best, so that they are not looked at when it is refused.
+///
+/// # Errors
+/// A bug of the tape.
+pub fn open<'a>(
+    study: &Study<'_>,
+    rounds: &'a [Round],
+    refits: &mut [Refitted],
+) -> Result<Opened<'a>, FitError> {
+    let mut opened = Opened {
+        path: Vec::new(),
+        unknown: None,
+        refused: false,
+    };
+    for (after, round) in rounds.iter().enumerate() {
+        let mut ask = |id: &'static str, fit: &Fit, level: f64| -> Result<_, FitError> {
+            let judge = Judge::new(study, &round.null, fit, Noise::Estimated);
+            let unknown = FrameNumbers::of(study, fit)?;
+            let [null, with] = [&round.null, fit].map(|fit| judge.errors(study, fit, &unknown));
+            let gain = sealed::gain(study, &null, &with, true);
+            let confirmed = gain.gain > 0.0 && gain.p < level;
+            tracing::debug!(id, gain.gain, gain.error, gain.p, confirmed, "sealed");
+            let own = |r: &&mut Refitted| r.after == after && r.id == id;
+            if let Some(refit) = refits.iter_mut().find(own) {
+                refit.sealed = Some(Judged {
+                    gain: gain.gain,
+                    gain_se: gain.error,
+                    p: gain.p,
+                    confirmed,
+                });
+            }
+            Ok((gain, confirmed))
+        };
+        if let Some((id, fit)) = &round.unknown {
+            let (_, confirmed) = ask(id, fit, SEALED_LEVEL)?;
+            opened.unknown = confirmed.then_some(*id);
+            break;
+        }
+        let mut stood = None;
+        for (rank, (choice, fit)) in round.standing.iter().enumerate() {
+            let (gain, confirmed) = ask(choice.score.id, fit, SEALED_LEVEL / (rank + 1) as f64)?;
+            if confirmed {
+                stood = Some(rank);
+                opened.path.push(Step { choice, fit, gain });
+                break;
+            }
+            opened.refused |= gain.gain > 0.0 && gain.p < PERHAPS;
+        }
+        if stood != Some(0) {
+            break;
+        }
+    }
+    Ok(opened)
+}
