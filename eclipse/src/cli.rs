@@ -7,6 +7,7 @@ mod diagnose;
 mod evaluate;
 mod export;
 mod inspect;
+mod log;
 mod man;
 mod nulls;
 mod reconstruct;
@@ -17,6 +18,7 @@ mod study;
 mod synthesize;
 mod units;
 
+pub use log::log;
 use std::{
     ffi::OsString,
     io::Write,

@@ -4,7 +4,7 @@ use std::{fs, path::Path};
 
 use base64::{Engine, prelude::BASE64_STANDARD};
 use eclipse::mesh_io::{
-    GlbSurface, GlbTextures, MAX_FACES, MAX_FILE, MeshParseError, encode_glb, parse_glb,
+    GlbSurface, GlbTextures, Load, MAX_FACES, MAX_FILE, MeshParseError, encode_glb, parse_glb,
     parse_gltf, parse_obj, parse_ply, read_mesh,
 };
 use eclipse_tests::small_capture::boxes;
@@ -359,7 +359,7 @@ fn counts_beyond_the_file_are_refused_at_once() {
 
 #[test]
 fn a_small_gltf_cannot_ask_for_any_amount_of_memory() {
-    let message = |json: &Value, load: &mut dyn FnMut(&str, u64) -> Result<Vec<u8>, String>| {
+    let message = |json: &Value, load: &mut Load<'_>| {
         let error = parse_gltf(json.to_string().as_bytes(), load).unwrap_err();
         error.to_string()
     };

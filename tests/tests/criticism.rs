@@ -207,7 +207,7 @@ fn columns_are_slopes() {
             };
             let (more, less) = (at(0.02), at(-0.02));
             let mut at_base = || {
-                chain.bind(&fit.ideal, &[base.clone()]).unwrap();
+                chain.bind(&fit.ideal, std::slice::from_ref(&base)).unwrap();
                 chain.column(0, k).unwrap()
             };
             let column = at_base();

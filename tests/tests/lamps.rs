@@ -75,7 +75,8 @@ fn a_ball_under_lamps_is_read_and_understood() {
     let made = plain();
     let json = written(folder.path(), &made);
     fs::write(folder.path().join("transforms.json"), json.to_string()).unwrap();
-    let (inspection, capture) = inspect(folder.path(), None, &Settings::default()).unwrap();
+    let (inspection, capture) =
+        inspect(folder.path(), LoadOptions::default(), &Settings::default()).unwrap();
     let known = capture.lamps.as_ref().unwrap();
     assert!(known.ball);
     for (lamp, direction) in known.lamps.iter().zip(lamps()) {
@@ -279,7 +280,8 @@ fn effects_of_unknown_light_are_refused_by_name() {
 #[test]
 fn true_lamps_have_nothing_missing() {
     let d = diagnosed(&plain()).diagnosis;
-    assert_eq!(d.verdict, Verdict::NothingMissing, "{}", d.sentence);
+    let told = format!("{} ({:?}, {:?})", d.sentence, d.structured, d.refits);
+    assert_eq!(d.verdict, Verdict::NothingMissing, "{told}");
 }
 
 /// Rounding is not independent from pixel to pixel, so that eight bits may leave a doubt, but no physics.

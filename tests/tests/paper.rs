@@ -300,8 +300,8 @@ fn settings(iterations: u64) -> Settings {
         iterations: Some(iterations),
         grid_rows: GRID.rows,
         harmonic_degree: 3,
-        // As small a batch as there is.
-        memory: 1 << 20,
+        // About as small a batch as there is: less memory is refused.
+        memory: 19 << 20,
         ..Settings::default()
     }
 }

@@ -9,6 +9,9 @@ use super::{
     study::Study,
 };
 
+/// Light in the background that is told, of the middle value: the least size of an effect. Less may be what cutting values off at
+/// zero has left, however sure it is.
+const GLOW: f64 = 0.003;
 /// Blocks of the background that are this many pixels apart at most are neighbours.
 const NEIGHBOURS: f32 = 100.0;
 
@@ -124,11 +127,18 @@ pub fn hot_spots(study: &Study<'_>, fit: &Fit, most: usize) -> Vec<HotSpot> {
 /// The part of residuals that neighbouring places of a frame share: noise does not correlate, missing physics does.
 ///
 /// A mean product of standardised residuals of neighbours, that is, an energy per value in units of the noise's variance: of the
-/// surface, and as much again for the background where that is dark.
+/// surface, and of the background where that should be dark and glows visibly.
 pub fn structured_energy(study: &Study<'_>, fit: &Fit) -> f64 {
     let residual = fit.residual(study);
     let standard = |k: usize| f64::from(residual[k] / study.variance[k].sqrt());
-    of_surface(study, &standard).max(0.0) + of_background(study, &standard).max(0.0)
+    let plain = |k: usize| f64::from(residual[k]);
+    let glow = of_background(study, &plain).max(0.0).sqrt();
+    let certain = if glow > GLOW * f64::from(fit.scene(study).typical()) {
+        of_background(study, &standard).max(0.0)
+    } else {
+        0.0
+    };
+    of_surface(study, &standard).max(0.0) + certain
 }
 
 fn of_surface(study: &Study<'_>, standard: &dyn Fn(usize) -> f64) -> f64 {

@@ -131,6 +131,6 @@ mod tests {
             tau: [0.7, 0.0, 0.0],
             ..p
         };
-        assert!((first.log_determinant() - (8.0 * det).ln()).abs() < 1e-5);
+        assert!((first.log_determinant() - f64::from(8.0 * det).ln()).abs() < 1e-5);
     }
 }

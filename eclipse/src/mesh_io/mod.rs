@@ -21,7 +21,7 @@ use render::mesh::Mesh;
 
 use crate::files::{atomic, read_limited};
 
-pub use gltf_in::{parse_glb, parse_gltf};
+pub use gltf_in::{Load, parse_glb, parse_gltf};
 pub use gltf_out::{GlbSurface, GlbTextures, encode_glb};
 pub use gltf_surface::{MeshSurface, SurfaceMaps, parse_surfaced_glb};
 pub use obj::parse_obj;
