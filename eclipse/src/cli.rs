@@ -124,7 +124,7 @@ pub fn run(
         Command::Inspect(arguments) => inspect::run(arguments, out),
         Command::Evaluate(arguments) => evaluate::run(arguments, out),
         Command::Diagnose(arguments) => diagnose::run(arguments, out),
-        Command::Study(arguments) => study::run(arguments, out, err),
+        Command::Study(arguments) => study::run(arguments, &typed, out, err),
         Command::Synthesize(arguments) => synthesize::run(arguments, out),
         Command::Relight(arguments) => relight::run(arguments, out),
         Command::Export(arguments) => export::run(arguments, out),

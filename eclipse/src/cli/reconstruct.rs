@@ -268,16 +268,12 @@ fn summary(folder: &Path, solved: &Reconstruction, as_json: bool) -> String {
 
 /// The command as a shell would take it, without `--resume`, but with the options that it `inherited`: a repeat starts afresh.
 fn command(typed: &[OsString], inherited: &[String]) -> String {
-    let words = typed.iter().skip(1).map(|word| word.to_string_lossy());
-    let mut words: Vec<String> = words
-        .filter(|word| word != "--resume")
-        .map(|word| units::shell_word(&word))
-        .collect();
+    let mut words = units::shell_words(typed);
+    words.retain(|word| word != "--resume");
     // Behind the name of the command: what was typed may end in words that are no options.
-    let place = words.len().min(1);
+    let place = words.len().min(2);
     let inherited = inherited.iter().map(|word| units::shell_word(word));
     words.splice(place..place, inherited);
-    words.insert(0, "eclipse".to_owned());
     words.join(" ")
 }
 

@@ -122,12 +122,13 @@ impl PaperStudy {
 
 pub(super) fn run(
     study: &PaperStudy,
+    typed: &[OsString],
     out: &mut dyn Write,
     err: &mut dyn Write,
 ) -> Result<Outcome, Failure> {
     let (name, arguments) = study.named();
     let Some(name) = name else {
-        return every(arguments, out, err);
+        return every(arguments, typed, out, err);
     };
     let capture = match study {
         PaperStudy::Limit(arguments) => arguments.capture.as_deref(),
@@ -137,7 +138,7 @@ pub(super) fn run(
         .ok_or_else(|| Failure::failed(format!("there is no study called {name}")))?;
     let mut ended = Ended::default();
     let evidence = arguments.with_bench(capture, err, |bench| {
-        let evidence = one(study, bench, arguments);
+        let evidence = one(study, bench, arguments, typed);
         ended.look_at(bench);
         evidence
     })?;
@@ -159,6 +160,7 @@ pub(super) fn run(
 /// All of them on one bench; a study that cannot run does not keep the others from it, but from success.
 fn every(
     arguments: &PaperArguments,
+    typed: &[OsString],
     out: &mut dyn Write,
     err: &mut dyn Write,
 ) -> Result<Outcome, Failure> {
@@ -168,7 +170,7 @@ fn every(
             if bench.stopped() {
                 break;
             }
-            match one(*study, bench, arguments) {
+            match one(*study, bench, arguments, typed) {
                 Ok(evidence) => {
                     if !arguments.json {
                         let line = format!("{}: {}\n", evidence.name, evidence.first_line());
@@ -244,21 +246,20 @@ fn one(
     study: &dyn Study,
     bench: &Bench<'_>,
     arguments: &PaperArguments,
+    typed: &[OsString],
 ) -> Result<Evidence, StudyError> {
     let folder = arguments.out.join(study.name());
     std::fs::create_dir_all(&folder)?;
     let _lock = Lock::acquire(&folder)?;
     let evidence = studies::run(study, bench)?;
-    page::write(&folder, &evidence, &command(std::env::args_os(), bench))?;
+    page::write(&folder, &evidence, &command(typed, bench))?;
     (bench.tell)(&folder.join(page::PAGE).display().to_string());
     Ok(evidence)
 }
 
 /// The command as it was `typed`, as a shell would take it; with the folder that the environment named, if it did.
-fn command(typed: impl Iterator<Item = OsString>, bench: &Bench<'_>) -> String {
-    let mut words = vec!["eclipse".to_owned()];
-    let typed = typed.skip(1);
-    words.extend(typed.map(|word| units::shell_word(&word.to_string_lossy())));
+fn command(typed: &[OsString], bench: &Bench<'_>) -> String {
+    let mut words = units::shell_words(typed);
     let by_option = words
         .iter()
         .any(|word| word == "--real" || word.starts_with("--real="));
@@ -377,15 +378,15 @@ mod tests {
             "it's mine",
         ];
         let all = r"eclipse study all --full --captures 'it'\''s mine'";
-        assert_eq!(command(typed(&words).into_iter(), &bench), all);
+        assert_eq!(command(&typed(&words), &bench), all);
         bench.real = Some(Path::new("my dino"));
         assert_eq!(
-            command(typed(&words).into_iter(), &bench),
+            command(&typed(&words), &bench),
             format!("{all} --real 'my dino'")
         );
         let words = ["eclipse", "study", "real", "--real=x"];
         assert_eq!(
-            command(typed(&words).into_iter(), &bench),
+            command(&typed(&words), &bench),
             "eclipse study real --real=x"
         );
     }

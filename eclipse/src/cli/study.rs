@@ -2,6 +2,7 @@
 
 use std::{
     collections::BTreeMap,
+    ffi::OsString,
     io::Write,
     path::{Path, PathBuf},
 };
@@ -84,15 +85,17 @@ struct Label {
     effects: Vec<String>,
 }
 
+/// Runs what was typed as `typed`.
 pub(super) fn run(
     arguments: &StudyArguments,
+    typed: &[OsString],
     out: &mut dyn Write,
     err: &mut dyn Write,
 ) -> Result<Outcome, Failure> {
     let arguments = match &arguments.command {
         StudyCommand::Mismatch(arguments) => arguments,
         StudyCommand::Nulls(arguments) => return nulls::run(arguments, out, err),
-        StudyCommand::Paper(study) => return studies::run(study, out, err),
+        StudyCommand::Paper(study) => return studies::run(study, typed, out, err),
     };
     let bytes = read_limited(&arguments.labels, MAX_LABELS).map_err(|error| {
         Failure::bad_input(format!(

@@ -1,4 +1,6 @@
-//! Durations and sizes as people write them: `90s`, `10m`, `1h30m`, `512MiB`, `4GB`.
+//! Durations and sizes as people write them (`90s`, `10m`, `1h30m`, `512MiB`, `4GB`), and words as a shell takes them.
+
+use std::ffi::OsString;
 
 /// Parses a duration into seconds; a bare number is seconds.
 pub(super) fn duration(text: &str) -> Result<f64, String> {
@@ -98,6 +100,13 @@ pub(super) fn shell_word(word: &str) -> String {
     } else {
         format!("'{}'", word.replace('\'', r"'\''"))
     }
+}
+
+/// A command as it was `typed`, as a shell would take it, under the program's plain name.
+pub(super) fn shell_words(typed: &[OsString]) -> Vec<String> {
+    let typed = typed.iter().skip(1);
+    let words = typed.map(|word| shell_word(&word.to_string_lossy()));
+    std::iter::once("eclipse".to_owned()).chain(words).collect()
 }
 
 #[cfg(test)]

@@ -15,6 +15,7 @@ use super::{
 const SEALED_LEVEL: f64 = 0.05;
 /// A gain on sealed data whose probability by chance is less than this, but not small enough, calls for more photographs.
 const PERHAPS: f64 = 0.3;
+
 /// What sealed data confirm.
 pub struct Opened<'a> {
     /// What stands, in order.

@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, time::Instant};
 
 use super::{
     compete, confirm,
-    diagnosis::{Diagnosis, Finding, Ranked, Refitted, Sealed},
+    diagnosis::{Diagnosis, Finding, Ranked, Refitted, Sealed, Verdict},
     effects::{self, Effect},
     fit::{Fit, FitError},
     frame_numbers::FrameNumbers,
@@ -17,7 +17,7 @@ use super::{
     simulation::Simulation,
     study::{Study, StudyError},
     told::{finding, moved, ranked},
-    verdict::{self, Grounds, Verdict},
+    verdict::{self, Grounds},
 };
 use crate::capture::Capture;
 

@@ -15,6 +15,12 @@ mod stain;
 
 use std::{fs, path::Path};
 
+use render::{
+    bvh::{Bvh, SurfacePoint},
+    camera::Camera,
+    transport::footprint,
+};
+
 use crate::{
     capture::{self, Capture, CaptureError},
     checkpoint::fingerprint,
@@ -60,6 +66,21 @@ impl Structure for Plain {
     }
 
     fn derive(&self, _: &mut Capture) {}
+}
+
+/// The mean of `of` over what of the surface a pixel sees, by `side` × `side` rays; `None` beside it.
+fn mean_seen(
+    bvh: &Bvh,
+    camera: &Camera,
+    pixel: [usize; 2],
+    side: usize,
+    of: impl Fn(&SurfacePoint) -> f32,
+) -> Option<f32> {
+    let seen = footprint(bvh, camera, pixel, side);
+    let (sum, count) = seen.fold((0.0, 0), |(sum, count), (point, _)| {
+        (sum + of(&point), count + 1)
+    });
+    (count > 0).then(|| sum / count as f32)
 }
 
 /// Writes to `folder` what `structure` makes of `base`, unless it is there already, derived from the same capture.

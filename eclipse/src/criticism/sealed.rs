@@ -9,7 +9,7 @@ use super::{
     precision::Precision,
     split::Role,
     statistics::{clustered, sign_flips},
-    study::Study,
+    study::{DARK_PLACES, Study},
 };
 
 /// Bumps of the texture that change no value of a sealed patch by this much (of an albedo of one) are left out.
@@ -137,13 +137,10 @@ struct Places {
     count: usize,
 }
 
-/// Patches of the background that are told apart.
-const DARK: usize = 24;
-
 impl Places {
     fn new(study: &Study<'_>) -> Self {
         Self {
-            count: study.seen.patches + DARK,
+            count: study.seen.patches + DARK_PLACES,
         }
     }
 
@@ -153,7 +150,7 @@ impl Places {
             Some(view) => usize::from(study.seen.sites[view.site as usize].place.patch),
             None => {
                 let dark = &study.seen.dark[i - study.seen.views.len()];
-                study.seen.patches + dark.patch as usize % DARK
+                study.seen.patches + dark.patch as usize % DARK_PLACES
             }
         };
         study.seen.frame(i) as usize * self.count + place
@@ -234,7 +231,6 @@ struct Texture {
     columns: [Vec<Vec<f64>>; 3],
     /// Of the columns' Gram matrix plus the unit prior.
     factor: [Cholesky; 3],
-    values: usize,
 }
 
 impl Texture {
@@ -271,14 +267,12 @@ impl Texture {
             rows,
             columns,
             factor,
-            values: study.value.len(),
         }
     }
 
     /// Each value's part of eᵀ (1 + X Xᵀ)⁻¹ e = eᵀ (e − X (XᵀX + 1)⁻¹ Xᵀ e) for whitened errors `e`.
     fn products(&self, white: &[f32]) -> Vec<f64> {
         let mut products: Vec<f64> = white.iter().map(|&e| f64::from(e).powi(2)).collect();
-        debug_assert_eq!(products.len(), self.values);
         for c in 0..3 {
             let errors: Vec<f64> = self.rows[c].iter().map(|&k| f64::from(white[k])).collect();
             let mut numbers: Vec<f64> = self.columns[c].iter().map(|x| inner(x, &errors)).collect();
@@ -349,7 +343,6 @@ mod tests {
             rows: [vec![0, 3, 6], Vec::new(), Vec::new()],
             factor: [with_prior(&columns), with_prior(&[]), with_prior(&[])],
             columns: [columns, Vec::new(), Vec::new()],
-            values: 9,
         };
         let mut white = vec![0.0; 9];
         (white[0], white[3], white[6], white[1]) = (1.0, -2.0, 0.5, 3.0);

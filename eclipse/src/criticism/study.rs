@@ -17,6 +17,9 @@ use super::{
 };
 use crate::{capture::Capture, reconstruct::noise, reconstruction::Noise};
 
+/// Patches of the background that are told apart.
+pub const DARK_PLACES: usize = 24;
+
 /// What does not change during a diagnosis.
 pub struct Study<'a> {
     /// The photographs.
@@ -184,14 +187,16 @@ impl<'a> Study<'a> {
             }
             None => {
                 let dark = &self.seen.dark[i - self.seen.views.len()];
-                4 * self.seen.patches + dark.frame as usize * 24 + dark.patch as usize % 24
+                4 * self.seen.patches
+                    + dark.frame as usize * DARK_PLACES
+                    + dark.patch as usize % DARK_PLACES
             }
         }
     }
 
     /// How many blocks there are.
     pub fn blocks(&self) -> usize {
-        4 * self.seen.patches + 24 * self.seen.frames
+        4 * self.seen.patches + DARK_PLACES * self.seen.frames
     }
 }
 

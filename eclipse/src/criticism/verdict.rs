@@ -1,8 +1,7 @@
 //! The outcome in a word and in a sentence.
 
-pub use super::diagnosis::Verdict;
 use super::{
-    diagnosis::{Diagnosis, Finding, Ranked},
+    diagnosis::{Diagnosis, Finding, Ranked, Verdict},
     effects,
     statistics::median,
 };

@@ -38,7 +38,9 @@ const PARTS: usize = 8;
 /// Share of a value that is left to what even the right model would not explain: what the solver leaves to it.
 pub const MODEL_ERROR: f64 = 0.004;
 /// More pixels than this take longer than anybody waits for an inspection.
-const MOST_PIXELS: usize = 4_000_000;
+const MOST_PIXELS: u64 = 4_000_000;
+/// What each of them takes meanwhile, in bytes: where it looks, twice over, and its patch.
+const BYTES_PER_PIXEL: u64 = 160;
 /// How finely an inspection looks.
 const GLANCE: Grain = Grain {
     rows: 8,
@@ -56,22 +58,44 @@ pub struct LimitInspection {
     pub with_nobody: f64,
 }
 
-/// At a glance; nothing where there is nothing to see, or so much that it takes long.
-pub(super) fn inspect(capture: &Capture) -> Option<LimitInspection> {
-    let inside = |mask: &[f32]| mask.iter().filter(|&&m| m > 0.5).count();
+/// Why there is no limit at a glance.
+#[derive(Debug, thiserror::Error)]
+pub enum GlanceError {
+    /// It would take too long, or more memory than there is.
+    #[error(
+        "{pixels} pixels of the object would take too long, or too much memory; eclipse study limit computes it"
+    )]
+    TooMuch {
+        /// Pixels of the object in all photographs.
+        pixels: u64,
+    },
+    /// Nothing to be computed with.
+    #[error(transparent)]
+    Capture(#[from] ReconstructError),
+    /// Not what was asked for.
+    #[error("it was not computed for an unknown albedo")]
+    Missing,
+}
+
+/// At a glance, within `memory` bytes.
+///
+/// # Errors
+/// [`GlanceError`]: nothing to see, or so much that it takes long.
+pub fn at_a_glance(capture: &Capture, memory: u64) -> Result<LimitInspection, GlanceError> {
+    let inside = |mask: &[f32]| mask.iter().filter(|&&m| m > 0.5).count() as u64;
     let frames = capture.frames.iter();
-    let pixels: usize = frames.map(|frame| inside(&frame.mask.data)).sum();
-    if pixels > MOST_PIXELS {
-        return None;
+    let pixels: u64 = frames.map(|frame| inside(&frame.mask.data)).sum();
+    if pixels > MOST_PIXELS || pixels * BYTES_PER_PIXEL > memory {
+        return Err(GlanceError::TooMuch { pixels });
     }
-    let limits = limits(capture, GLANCE, MODEL_ERROR, 0).ok()?;
+    let limits = limits(capture, GLANCE, MODEL_ERROR, 0)?;
     let of = |operator: bool| {
         let limit = limits
             .iter()
             .find(|l| l.known.operator == operator && !l.known.albedo);
-        limit.map(|limit| limit.error)
+        limit.map(|limit| limit.error).ok_or(GlanceError::Missing)
     };
-    Some(LimitInspection {
+    Ok(LimitInspection {
         texel: 180.0 / GLANCE.rows as f64,
         with_somebody: of(true)?,
         with_nobody: of(false)?,

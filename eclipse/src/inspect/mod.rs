@@ -229,7 +229,7 @@ fn of_capture(
         coverage: coverage::inspect(capture),
         // Where lamps are known there is no environment to be found.
         limit: match capture.lamps {
-            None => limit::inspect(capture),
+            None => limit::at_a_glance(capture, u64::MAX).ok(),
             Some(_) => None,
         },
         points: points.map(|points| of_points(capture, &points)),

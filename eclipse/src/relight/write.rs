@@ -170,10 +170,9 @@ fn shown(picture: &Image) -> Image {
 mod tests {
     use super::*;
 
-    #[test]
-    fn pictures_of_another_light_are_gone_before_its_record_is_written() {
-        let folder = tempfile::tempdir().unwrap();
-        let mut record = Record {
+    /// Of these pictures under one map.
+    fn record(pictures: &[&str]) -> Record {
+        Record {
             object: "run".into(),
             environment: "studio.exr".into(),
             axes: "world",
@@ -183,9 +182,15 @@ mod tests {
             backdrop: false,
             samples: 1,
             seed: 0,
-            pictures: ["000", "001", "002"].map(str::to_owned).to_vec(),
-            cameras: vec![[[0.0; 4]; 4]; 3],
-        };
+            pictures: pictures.iter().map(|name| (*name).to_owned()).collect(),
+            cameras: vec![[[0.0; 4]; 4]; pictures.len()],
+        }
+    }
+
+    #[test]
+    fn pictures_of_another_light_are_gone_before_its_record_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut record = record(&["000", "001", "002"]);
         let pictures = ["000.exr", "000.png", "002.png"].map(|name| folder.path().join(name));
         drop(Folder::prepare(folder.path(), &record).unwrap());
         let other = folder.path().join("notes.txt");
@@ -206,19 +211,7 @@ mod tests {
     fn pictures_by_name_are_written_and_removed_with_their_folders_and_nothing_outside() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("relit");
-        let mut record = Record {
-            object: "run".into(),
-            environment: "maps".into(),
-            axes: "camera",
-            convention: None,
-            exposure: 0.0,
-            rotate: 0.0,
-            backdrop: false,
-            samples: 1,
-            seed: 0,
-            pictures: ["test/view.001", "../outside"].map(str::to_owned).to_vec(),
-            cameras: vec![[[0.0; 4]; 4]; 2],
-        };
+        let mut record = record(&["test/view.001", "../outside"]);
         let outside = folder.path().join("outside.png");
         fs::write(&outside, "x").unwrap();
         let written = Folder::prepare(&path, &record).unwrap();

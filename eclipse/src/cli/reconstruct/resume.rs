@@ -42,8 +42,8 @@ impl Chosen {
             };
         };
         let typed = typed(words);
-        let (settings, kept) = (continued(now, &begun.settings, &typed), color_of(begun));
-        let mut inherited = inherited(&begun.settings, &typed);
+        let (settings, mut inherited) = continued(&now, &begun.settings, &typed);
+        let kept = color_of(begun);
         if let (None, Some(kept)) = (color, kept) {
             inherited.extend(["--color".to_owned(), kept.name().to_owned()]);
         }
@@ -109,99 +109,122 @@ fn typed(words: &[OsString]) -> impl Fn(&str) -> bool + use<> {
     }
 }
 
-/// The settings of a run that goes on: `now` for what was typed, `then` for all else.
-fn continued(now: Settings, then: &Settings, typed: &dyn Fn(&str) -> bool) -> Settings {
-    let mut settings = then.clone();
-    // Either limit is meant in place of both.
-    if typed("time_limit") || typed("iterations") {
-        (settings.time_limit, settings.iterations) = (now.time_limit, now.iterations);
-    }
-    // A prior speaks of occluders, too: there are some.
-    if typed("no_occluders") || typed("occluder_prior") {
-        settings.occluders = now.occluders;
-    }
-    if typed("occluder_prior") {
-        settings.occluder_prior = now.occluder_prior;
-    }
-    if typed("preset") {
-        settings.preset = now.preset;
-    }
-    if typed("from") {
-        settings.from = now.from;
-    }
-    if typed("lambertian") {
-        settings.lambertian = now.lambertian;
-    }
-    if typed("mesh") {
-        settings.mesh = now.mesh;
-    }
-    if typed("seed") {
-        settings.seed = now.seed;
-    }
-    if typed("threads") {
-        settings.threads = now.threads;
-    }
-    if typed("memory") {
-        settings.memory = now.memory;
-    }
-    if typed("hold_out") {
-        settings.hold_out = now.hold_out;
-    }
-    if typed("with") {
-        settings.with = now.with;
-    }
-    settings
+/// A choice that a run that goes on need not be told again.
+struct Choice {
+    /// Options by their fields' names: where any of them was typed, what it says is meant.
+    options: &'static [&'static str],
+    /// Takes it over from the second settings.
+    take: fn(&mut Settings, &Settings),
+    /// How it would be typed where it is not as the second settings, the usual ones, have it.
+    told: fn(&Settings, &Settings) -> Vec<String>,
 }
 
-/// The options of `then` that were not typed again and that a new run would not take by itself, as they would be typed; threads
-/// aside, on which nothing depends.
-fn inherited(then: &Settings, typed: &dyn Fn(&str) -> bool) -> Vec<String> {
-    let usual = Settings::default();
-    let untyped = |options: &[&str]| !options.iter().any(|option| typed(option));
-    let limits = untyped(&["time_limit", "iterations"]);
-    let occluders = untyped(&["no_occluders", "occluder_prior"]);
-    let path = |path: &Option<std::path::PathBuf>| {
-        let path = path.as_ref();
-        path.map(|path| path.to_string_lossy().into_owned())
-    };
-    let preset = (then.preset != usual.preset).then(|| then.preset.name().to_owned());
-    // With iterations there is no time limit unless one is asked for.
-    let limited = then.iterations.is_some() || then.time_limit != usual.time_limit;
-    let time = then.time_limit.filter(|_| limited);
-    let prior = then.occluders && then.occluder_prior != usual.occluder_prior;
-    let prior = prior.then(|| then.occluder_prior.name().to_owned());
-    let seed = (then.seed != usual.seed).then(|| then.seed.to_string());
-    let memory = (then.memory != usual.memory).then(|| then.memory.to_string());
-    let with = (!then.with.is_empty()).then(|| then.with.join(","));
-    let values = [
-        ("--preset", untyped(&["preset"]), preset),
-        ("--from", untyped(&["from"]), path(&then.from)),
-        ("--time-limit", limits, time.map(|time| format!("{time}s"))),
-        (
-            "--iterations",
-            limits,
-            then.iterations.map(|most| most.to_string()),
-        ),
-        ("--occluder-prior", occluders, prior),
-        ("--mesh", untyped(&["mesh"]), path(&then.mesh)),
-        ("--seed", untyped(&["seed"]), seed),
-        ("--memory", untyped(&["memory"]), memory),
-        (
-            "--hold-out",
-            untyped(&["hold_out"]),
-            then.hold_out.map(|every| every.to_string()),
-        ),
-        ("--with", untyped(&["with"]), with),
-    ];
-    let flags = [
-        ("--no-occluders", occluders && !then.occluders),
-        ("--lambertian", untyped(&["lambertian"]) && then.lambertian),
-    ];
-    let values = values.into_iter().filter(|(_, untyped, _)| *untyped);
-    let values = values.filter_map(|(option, _, value)| Some([option.to_owned(), value?]));
-    let flags = flags.into_iter().filter(|(_, inherited)| *inherited);
-    let flags = flags.map(|(flag, _)| flag.to_owned());
-    values.flatten().chain(flags).collect()
+/// All of them, in the order of the command that repeats a run.
+const CHOICES: [Choice; 12] = [
+    Choice {
+        options: &["preset"],
+        take: |s, now| s.preset = now.preset,
+        told: |s, usual| {
+            option(
+                "--preset",
+                (s.preset != usual.preset).then(|| s.preset.name()),
+            )
+        },
+    },
+    Choice {
+        options: &["from"],
+        take: |s, now| s.from.clone_from(&now.from),
+        told: |s, _| option("--from", s.from.as_ref().map(|path| path.to_string_lossy())),
+    },
+    // Either limit is meant in place of both.
+    Choice {
+        options: &["time_limit", "iterations"],
+        take: |s, now| (s.time_limit, s.iterations) = (now.time_limit, now.iterations),
+        told: |s, usual| {
+            // With iterations there is no time limit unless one is asked for.
+            let limited = s.iterations.is_some() || s.time_limit != usual.time_limit;
+            let time = s.time_limit.filter(|_| limited);
+            let time = option("--time-limit", time.map(|time| format!("{time}s")));
+            [time, option("--iterations", s.iterations)].concat()
+        },
+    },
+    Choice {
+        options: &["occluder_prior"],
+        take: |s, now| s.occluder_prior = now.occluder_prior,
+        told: |s, usual| {
+            let prior = s.occluders && s.occluder_prior != usual.occluder_prior;
+            option("--occluder-prior", prior.then(|| s.occluder_prior.name()))
+        },
+    },
+    Choice {
+        options: &["mesh"],
+        take: |s, now| s.mesh.clone_from(&now.mesh),
+        told: |s, _| option("--mesh", s.mesh.as_ref().map(|path| path.to_string_lossy())),
+    },
+    Choice {
+        options: &["seed"],
+        take: |s, now| s.seed = now.seed,
+        told: |s, usual| option("--seed", (s.seed != usual.seed).then_some(s.seed)),
+    },
+    Choice {
+        options: &["memory"],
+        take: |s, now| s.memory = now.memory,
+        told: |s, usual| option("--memory", (s.memory != usual.memory).then_some(s.memory)),
+    },
+    Choice {
+        options: &["hold_out"],
+        take: |s, now| s.hold_out = now.hold_out,
+        told: |s, _| option("--hold-out", s.hold_out),
+    },
+    Choice {
+        options: &["with"],
+        take: |s, now| s.with.clone_from(&now.with),
+        told: |s, _| option("--with", (!s.with.is_empty()).then(|| s.with.join(","))),
+    },
+    // A prior speaks of occluders, too: there are some.
+    Choice {
+        options: &["no_occluders", "occluder_prior"],
+        take: |s, now| s.occluders = now.occluders,
+        told: |s, _| flag("--no-occluders", !s.occluders),
+    },
+    Choice {
+        options: &["lambertian"],
+        take: |s, now| s.lambertian = now.lambertian,
+        told: |s, _| flag("--lambertian", s.lambertian),
+    },
+    // Nothing depends on them.
+    Choice {
+        options: &["threads"],
+        take: |s, now| s.threads = now.threads,
+        told: |_, _| Vec::new(),
+    },
+];
+
+fn option(name: &str, value: Option<impl ToString>) -> Vec<String> {
+    let pair = |value: &dyn ToString| vec![name.to_owned(), value.to_string()];
+    value.map_or_else(Vec::new, |value| pair(&value))
+}
+
+fn flag(name: &str, set: bool) -> Vec<String> {
+    set.then(|| name.to_owned()).into_iter().collect()
+}
+
+/// The settings of a run that goes on, `now` for what was typed and `then` for all else; and what is not typed and a new run would
+/// not take by itself, as it would be typed.
+fn continued(
+    now: &Settings,
+    then: &Settings,
+    typed: &dyn Fn(&str) -> bool,
+) -> (Settings, Vec<String>) {
+    let (mut settings, usual) = (then.clone(), Settings::default());
+    let any = |choice: &&Choice| choice.options.iter().any(|option| typed(option));
+    let (typed, untyped): (Vec<&Choice>, Vec<&Choice>) = CHOICES.iter().partition(any);
+    for choice in typed {
+        (choice.take)(&mut settings, now);
+    }
+    let told = |choice: &Choice| (choice.told)(&settings, &usual);
+    let inherited = untyped.into_iter().flat_map(told).collect();
+    (settings, inherited)
 }
 
 /// How the beginning read colours, where that was said.

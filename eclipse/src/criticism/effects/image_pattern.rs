@@ -21,9 +21,6 @@ impl Effect for ImagePattern {
     fn stage(&self) -> Stage {
         Stage::Exposure
     }
-    fn is_capacity(&self) -> bool {
-        true
-    }
     fn stands_for_unknown(&self) -> bool {
         true
     }

@@ -30,9 +30,6 @@ impl Effect for ImageWarp {
     fn stage(&self) -> Stage {
         Stage::Optics
     }
-    fn is_capacity(&self) -> bool {
-        true
-    }
     fn stands_for_unknown(&self) -> bool {
         true
     }

@@ -144,7 +144,7 @@ pub trait Effect: Sync {
     fn confused_with(&self) -> &'static [&'static str];
     /// Whether it is no physics but more freedom for what the model has already.
     fn is_capacity(&self) -> bool {
-        false
+        self.stands_for_unknown()
     }
     /// For capacity: whether it stands for physics that has no name here, rather than for a model that is too coarse. Where it does
     /// best, no name is right.

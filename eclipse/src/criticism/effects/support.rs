@@ -86,16 +86,21 @@ fn reduced(image: &Image, step: usize) -> Image {
 }
 
 /// The first three channels at the place (x, y), pixel corners at integers, bilinearly.
-pub fn sample(image: &Image, [x, y]: [f32; 2]) -> [f32; 3] {
+pub fn sample(image: &Image, at: [f32; 2]) -> [f32; 3] {
+    [0, 1, 2].map(between(image, at))
+}
+
+/// Each channel at the place (x, y), likewise.
+pub fn between(image: &Image, [x, y]: [f32; 2]) -> impl Fn(usize) -> f32 {
     let u = (x - 0.5).clamp(0.0, image.width as f32 - 1.0);
     let v = (y - 0.5).clamp(0.0, image.height as f32 - 1.0);
     let (i, j) = (u as usize, v as usize);
     let (fx, fy) = (u - i as f32, v - j as f32);
     let (i1, j1) = ((i + 1).min(image.width - 1), (j + 1).min(image.height - 1));
-    [0, 1, 2].map(|c| {
+    move |c| {
         (1.0 - fy) * ((1.0 - fx) * image.pixel(i, j)[c] + fx * image.pixel(i1, j)[c])
             + fy * ((1.0 - fx) * image.pixel(i, j1)[c] + fx * image.pixel(i1, j1)[c])
-    })
+    }
 }
 
 /// Central differences of an image at a place, across and down.

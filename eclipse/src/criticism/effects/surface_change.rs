@@ -25,9 +25,6 @@ impl Effect for SurfaceChange {
     fn stage(&self) -> Stage {
         Stage::Material
     }
-    fn is_capacity(&self) -> bool {
-        true
-    }
     fn stands_for_unknown(&self) -> bool {
         true
     }

@@ -22,9 +22,6 @@ impl Effect for ViewDependence {
     fn stage(&self) -> Stage {
         Stage::Material
     }
-    fn is_capacity(&self) -> bool {
-        true
-    }
     fn stands_for_unknown(&self) -> bool {
         true
     }

@@ -1,9 +1,12 @@
 //! A texture finer than any patch of the model.
 
 use glam::{IVec3, Vec3};
-use render::{bvh::Bvh, sampler::SampleKey, transport::footprint};
+use render::{
+    bvh::{Bvh, SurfacePoint},
+    sampler::SampleKey,
+};
 
-use super::{Kind, Structure};
+use super::{Kind, Structure, mean_seen};
 use crate::capture::Capture;
 
 /// Largest departure from one of what the texture multiplies the reflected light by.
@@ -35,11 +38,9 @@ impl Structure for FineTexture {
         for frame in &mut capture.frames {
             let width = frame.image.width;
             for (p, pixel) in frame.image.data.chunks_exact_mut(3).enumerate() {
-                let seen: Vec<f32> = footprint(&bvh, &frame.camera, [p % width, p / width], SIDE)
-                    .map(|(point, _)| texture(point.position / cell))
-                    .collect();
-                if !seen.is_empty() {
-                    let mean = seen.iter().sum::<f32>() / seen.len() as f32;
+                let at = [p % width, p / width];
+                let paint = |point: &SurfacePoint| texture(point.position / cell);
+                if let Some(mean) = mean_seen(&bvh, &frame.camera, at, SIDE, paint) {
                     pixel.iter_mut().for_each(|value| *value *= mean);
                 }
             }

@@ -1,8 +1,8 @@
 //! A lamp on the camera that nobody knows of.
 
-use render::{bvh::Bvh, transport::footprint};
+use render::bvh::{Bvh, SurfacePoint};
 
-use super::{Kind, Structure};
+use super::{Kind, Structure, mean_seen};
 use crate::capture::Capture;
 
 /// What it adds where the surface faces the camera, in units of the photographs' mean over the object.
@@ -39,14 +39,12 @@ impl Structure for Flash {
             let (width, eye) = (frame.image.width, frame.camera.centre());
             let pixels = frame.image.data.chunks_exact_mut(3).zip(&frame.mask.data);
             for (p, (pixel, mask)) in pixels.enumerate() {
-                let facing: Vec<f32> = footprint(&bvh, &frame.camera, [p % width, p / width], SIDE)
-                    .map(|(point, _)| {
-                        let towards = (eye - point.position).normalize();
-                        point.normal.dot(towards).max(0.0)
-                    })
-                    .collect();
-                if !facing.is_empty() {
-                    let mean = facing.iter().sum::<f32>() / facing.len() as f32;
+                let at = [p % width, p / width];
+                let facing = |point: &SurfacePoint| {
+                    let towards = (eye - point.position).normalize();
+                    point.normal.dot(towards).max(0.0)
+                };
+                if let Some(mean) = mean_seen(&bvh, &frame.camera, at, SIDE, facing) {
                     pixel
                         .iter_mut()
                         .for_each(|value| *value += mask * strength * mean);

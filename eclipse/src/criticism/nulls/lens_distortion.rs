@@ -3,7 +3,7 @@
 use render::image::Image;
 
 use super::{Kind, Structure};
-use crate::capture::Capture;
+use crate::{capture::Capture, criticism::effects::support::between};
 
 /// How much farther from the middle than a pinhole camera's the image is, at its corners.
 const STRENGTH: f32 = 0.02;
@@ -41,22 +41,12 @@ fn bent(image: &Image) -> Image {
         ];
         let r = from[0].hypot(from[1]) / corner;
         let scale = 1.0 / (1.0 + STRENGTH * r * r);
-        let at = [0, 1].map(|k| middle[k] + scale * from[k] - 0.5);
-        let lower = at.map(|v| v.max(0.0) as usize);
-        let next = [
-            (lower[0] + 1).min(width - 1),
-            (lower[1] + 1).min(height - 1),
-        ];
-        let part = [0, 1].map(|k| (at[k] - lower[k] as f32).clamp(0.0, 1.0));
-        for (c, value) in pixel.iter_mut().enumerate() {
-            let get = |x: usize, y: usize| image.data[image.channels * (y * width + x) + c];
-            let row = |y: usize| {
-                let (left, right) = (get(lower[0], y), get(next[0], y));
-                left + part[0] * (right - left)
-            };
-            let (upper, below) = (row(lower[1]), row(next[1]));
-            *value = upper + part[1] * (below - upper);
-        }
+        let at = [0, 1].map(|k| middle[k] + scale * from[k]);
+        let value = between(image, at);
+        pixel
+            .iter_mut()
+            .enumerate()
+            .for_each(|(c, v)| *v = value(c));
     }
     out
 }

@@ -1,9 +1,9 @@
 //! A surface that changes half way through: somebody put a wet hand on it.
 
 use glam::Vec3;
-use render::{bvh::Bvh, transport::footprint};
+use render::bvh::{Bvh, SurfacePoint};
 
-use super::{Kind, Structure};
+use super::{Kind, Structure, mean_seen};
 use crate::capture::Capture;
 
 /// Share of the light that the stain takes away in its middle.
@@ -42,14 +42,12 @@ impl Structure for Stain {
         for frame in &mut capture.frames[half..] {
             let width = frame.image.width;
             for (p, pixel) in frame.image.data.chunks_exact_mut(3).enumerate() {
-                let left: Vec<f32> = footprint(&bvh, &frame.camera, [p % width, p / width], SIDE)
-                    .map(|(point, _)| {
-                        let d = point.position.distance_squared(middle) / (size * size);
-                        1.0 - DEPTH * (-2.0 * d).exp()
-                    })
-                    .collect();
-                if !left.is_empty() {
-                    let mean = left.iter().sum::<f32>() / left.len() as f32;
+                let at = [p % width, p / width];
+                let left = |point: &SurfacePoint| {
+                    let d = point.position.distance_squared(middle) / (size * size);
+                    1.0 - DEPTH * (-2.0 * d).exp()
+                };
+                if let Some(mean) = mean_seen(&bvh, &frame.camera, at, SIDE, left) {
                     pixel.iter_mut().for_each(|value| *value *= mean);
                 }
             }
