@@ -7,6 +7,7 @@ mod diagnose;
 mod evaluate;
 mod export;
 mod inspect;
+mod labels;
 mod log;
 mod man;
 mod nulls;
@@ -18,6 +19,7 @@ mod study;
 mod synthesize;
 mod units;
 
+pub use labels::{Label, LabelsError, parse_labels};
 pub use log::log;
 use std::{
     ffi::OsString,

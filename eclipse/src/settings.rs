@@ -45,6 +45,12 @@ pub struct Settings {
     /// Effects of the camera that are fitted jointly with all else, see [`crate::joint`].
     #[serde(default)]
     pub with: Vec<String>,
+    /// What the `paper` preset expresses light and occluders in.
+    #[serde(default)]
+    pub parametrisation: Parametrisation,
+    /// The size of an iteration of the `paper` preset; `None` suits time and memory.
+    #[serde(default)]
+    pub batch: Option<Batch>,
 }
 
 impl Settings {
@@ -69,7 +75,24 @@ impl Settings {
             mesh: None,
             from: None,
             with: Vec::new(),
+            parametrisation: Parametrisation::default(),
+            batch: None,
         }
+    }
+
+    /// Refuses what no run can be made with.
+    ///
+    /// # Errors
+    /// [`SettingsError`], which names the option.
+    pub fn check(&self) -> Result<(), SettingsError> {
+        let chosen = self.parametrisation != Parametrisation::default();
+        if self.preset == Preset::Fast && (chosen || self.batch.is_some()) {
+            return Err(SettingsError::OnlyPaper {
+                option: if chosen { "parametrisation" } else { "batch" },
+            });
+        }
+        self.parametrisation.check()?;
+        self.batch.map_or(Ok(()), Batch::check)
     }
 
     /// Whether this frame is kept out of the fit of environment and materials: the last of every K.
@@ -126,9 +149,213 @@ impl OccluderPrior {
     }
 }
 
+/// What the `paper` preset solves for; the paper's choice unless told otherwise, others to compare with it (Table 1, Fig. 10).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Parametrisation {
+    /// What the logarithm of the light is expressed in.
+    pub light: LightForm,
+    /// The ratio a between the weights of consecutive levels of light, from coarse to fine (Eq. 7).
+    pub level_ratio: f64,
+    /// What the logits of the masks are expressed in.
+    pub masks: MaskForm,
+    /// The logit of every mask's transmittance at the start. The paper's 100 has no gradient in single precision.
+    pub mask_logit: f64,
+}
+
+impl Parametrisation {
+    fn check(&self) -> Result<(), SettingsError> {
+        let [low, high] = LEVEL_RATIOS;
+        let refuse = |option, value, [low, high]: [f64; 2]| SettingsError::Range {
+            option,
+            value,
+            low,
+            high,
+        };
+        if !(low..=high).contains(&self.level_ratio) {
+            return Err(refuse("level_ratio", self.level_ratio, LEVEL_RATIOS));
+        }
+        let [low, high] = MASK_LOGITS;
+        match (low..=high).contains(&self.mask_logit) {
+            true => Ok(()),
+            false => Err(refuse("mask_logit", self.mask_logit, MASK_LOGITS)),
+        }
+    }
+}
+
+impl Default for Parametrisation {
+    fn default() -> Self {
+        Self {
+            light: LightForm::Pyramid,
+            level_ratio: 2.0,
+            masks: MaskForm::Harmonics,
+            mask_logit: 5.0,
+        }
+    }
+}
+
+/// Ratios of levels whose powers single precision can hold.
+const LEVEL_RATIOS: [f64; 2] = [0.01, 100.0];
+/// Logits beyond these differ from them in nothing.
+const MASK_LOGITS: [f64; 2] = [-1000.0, 1000.0];
+
+/// What light is expressed in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LightForm {
+    /// A sum of levels from coarse to fine (Eq. 7).
+    #[default]
+    Pyramid,
+    /// A free value for every texel: the finest level alone, of the weight that it has in the pyramid, so that steps are as long
+    /// as there. With a `level_ratio` of 1 they are as long as the learning rate.
+    Texels,
+}
+
+/// What masks are expressed in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum MaskForm {
+    /// Spherical harmonics of `harmonic_degree` (Eq. 6).
+    #[default]
+    Harmonics,
+    /// A free value for every texel and frame.
+    Texels,
+}
+
+/// The size of an iteration of the `paper` preset. Shadow rays are then cast: how finely a cache holds what the surface sees would
+/// follow from these numbers, and more than the samples' noise would depend on them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Batch {
+    /// Pixels, each rendered twice.
+    pub pixels: u64,
+    /// Rays from each pixel's surface point: half towards the light, half by the material.
+    pub rays: u64,
+}
+
+impl Batch {
+    /// As large as any number of it may be; memory ends far below.
+    pub const MOST: u64 = 1 << 20;
+
+    fn check(self) -> Result<(), SettingsError> {
+        let most = Self::MOST;
+        for (option, value, least) in [
+            ("batch.pixels", self.pixels, 1),
+            ("batch.rays", self.rays, 2),
+        ] {
+            if !(least..=most).contains(&value) {
+                return Err(SettingsError::Range {
+                    option,
+                    value: value as f64,
+                    low: least as f64,
+                    high: most as f64,
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Options that no run can be made with.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum SettingsError {
+    /// A choice that the fast preset does not have.
+    #[error(
+        "`{option}` can be chosen for the paper preset alone: use that, or leave `{option}` as it is"
+    )]
+    OnlyPaper {
+        /// Which.
+        option: &'static str,
+    },
+    /// A number that cannot be worked with.
+    #[error("`{option}` is {value}; expected a number from {low} to {high}")]
+    Range {
+        /// Which.
+        option: &'static str,
+        /// What it is.
+        value: f64,
+        /// The least that it may be.
+        low: f64,
+        /// The most.
+        high: f64,
+    },
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn settings_written_before_there_was_a_choice_are_the_papers() {
+        let mut value = serde_json::to_value(Settings::of(Preset::Paper)).unwrap();
+        let fields = value.as_object_mut().unwrap();
+        for name in ["parametrisation", "batch"] {
+            assert!(fields.remove(name).is_some(), "{name}");
+        }
+        let read: Settings = serde_json::from_value(value).unwrap();
+        assert_eq!(read, Settings::of(Preset::Paper));
+    }
+
+    #[test]
+    fn choices_are_the_paper_presets_and_within_reason() {
+        Settings::default().check().unwrap();
+        let chosen = Settings {
+            parametrisation: Parametrisation {
+                masks: MaskForm::Texels,
+                ..Parametrisation::default()
+            },
+            batch: Some(Batch {
+                pixels: 512,
+                rays: 2,
+            }),
+            ..Settings::of(Preset::Paper)
+        };
+        chosen.check().unwrap();
+        let refused = |settings: Settings| settings.check().unwrap_err().to_string();
+        let fast = refused(Settings {
+            preset: Preset::Fast,
+            ..chosen.clone()
+        });
+        assert!(fast.contains("`parametrisation`"), "{fast}");
+        let broken = |change: fn(&mut Settings)| {
+            let mut settings = chosen.clone();
+            change(&mut settings);
+            refused(settings)
+        };
+        for (message, option) in [
+            (
+                broken(|s| s.parametrisation.level_ratio = f64::NAN),
+                "level_ratio",
+            ),
+            (
+                broken(|s| s.parametrisation.level_ratio = 0.0),
+                "level_ratio",
+            ),
+            (
+                broken(|s| s.parametrisation.mask_logit = f64::INFINITY),
+                "mask_logit",
+            ),
+            (
+                broken(|s| s.batch = Some(Batch { pixels: 0, rays: 8 })),
+                "batch.pixels",
+            ),
+            (
+                broken(|s| s.batch = Some(Batch { pixels: 8, rays: 1 })),
+                "batch.rays",
+            ),
+            (
+                broken(|s| {
+                    s.batch = Some(Batch {
+                        pixels: u64::MAX,
+                        rays: 8,
+                    });
+                }),
+                "batch.pixels",
+            ),
+        ] {
+            assert!(message.contains(option), "{message}");
+        }
+    }
 
     #[test]
     fn presets_differ_in_the_degree_of_masks_alone() {

@@ -3,16 +3,17 @@
 use crate::lat_long::LatLong;
 use crate::math::Float;
 
-/// The ratio between the weights of consecutive levels.
-const BASE: f64 = 2.0;
+/// The paper's ratio a between the weights of consecutive levels.
+const RATIO: f64 = 2.0;
 
 /// A coarse-to-fine stack of equirectangular grids and the linear map from it to the finest grid.
 ///
 /// Level 0 is the coarsest; each finer level doubles it, the finest is H' × W', sizes halve rounding up. A value of
-/// level k is interpolated bilinearly at the finest texels' centres and weighted by 2ᵏ.
+/// level k is interpolated bilinearly at the finest texels' centres and weighted by aᵏ; a is 2 unless said otherwise.
 #[derive(Clone, Debug)]
 pub struct Pyramid {
     levels: Vec<LatLong>,
+    weights: Vec<f64>,
     offsets: Vec<usize>,
     /// For each finest texel, `4 × levels` pairs of (flat index, weight).
     index: Vec<u32>,
@@ -22,6 +23,11 @@ pub struct Pyramid {
 impl Pyramid {
     /// A pyramid of at most `levels` levels (at least one) over the grid `finest`; it ends early at one texel.
     pub fn new(finest: LatLong, levels: usize) -> Self {
+        Self::with_ratio(finest, levels, RATIO)
+    }
+
+    /// The same with another ratio a between the weights of consecutive levels, from coarse to fine.
+    pub fn with_ratio(finest: LatLong, levels: usize, ratio: f64) -> Self {
         let mut grids = vec![finest];
         while grids.len() < levels.max(1) && grids[grids.len() - 1].len() > 1 {
             let last = grids[grids.len() - 1];
@@ -31,6 +37,19 @@ impl Pyramid {
             ));
         }
         grids.reverse();
+        let weights = (0..grids.len()).map(|k| ratio.powi(k as i32)).collect();
+        Self::of(grids, weights)
+    }
+
+    /// The finest level alone, of the weight that it has here: a free value for every texel.
+    pub fn finest_alone(&self) -> Self {
+        let weight = self.weights[self.weights.len() - 1];
+        Self::of(vec![self.finest()], vec![weight])
+    }
+
+    /// Of these grids, coarsest first, and their weights.
+    fn of(grids: Vec<LatLong>, weights: Vec<f64>) -> Self {
+        let finest = grids[grids.len() - 1];
         let mut offsets = vec![0];
         for grid in &grids {
             offsets.push(offsets[offsets.len() - 1] + grid.len());
@@ -52,13 +71,14 @@ impl Pyramid {
                             _ => (lookup.index[corner], f64::from(lookup.weight[corner])),
                         };
                         index.push(i + offsets[k] as u32);
-                        weight.push(w * BASE.powi(k as i32));
+                        weight.push(w * weights[k]);
                     }
                 }
             }
         }
         Self {
             levels: grids,
+            weights,
             offsets,
             index,
             weight,
@@ -68,6 +88,11 @@ impl Pyramid {
     /// The grids, coarsest first.
     pub fn levels(&self) -> &[LatLong] {
         &self.levels
+    }
+
+    /// The weight aᵏ of level `k` (0 = coarsest).
+    pub fn level_weight(&self, k: usize) -> f64 {
+        self.weights[k]
     }
 
     /// The finest grid.
@@ -90,13 +115,13 @@ impl Pyramid {
         self.offsets[k]..self.offsets[k + 1]
     }
 
-    /// The values that a finest texel is made of and their weights, 2ᵏ included; a value may come more than once.
+    /// The values that a finest texel is made of and their weights, aᵏ included; a value may come more than once.
     pub fn parts(&self, texel: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
         let entries = 4 * self.levels.len();
         (texel * entries..(texel + 1) * entries).map(|e| (self.index[e] as usize, self.weight[e]))
     }
 
-    /// finest = Σ_k 2ᵏ · upsample(level k), for `width` columns at once.
+    /// finest = Σ_k aᵏ · upsample(level k), for `width` columns at once.
     ///
     /// `levels_flat` is `[value][column]`, `len() × width`; `finest` is `[texel][column]` and is overwritten.
     pub fn apply<T: Float>(&self, levels_flat: &[T], finest: &mut [T], width: usize) {
@@ -164,6 +189,31 @@ mod tests {
             let expected = 0.5 * f64::from(1 << k);
             assert!(finest.iter().all(|v| (v - expected).abs() < 1e-6));
         }
+    }
+
+    #[test]
+    fn a_ratio_below_one_favours_the_coarse_levels() {
+        let grid = LatLong::new(8, 16);
+        let halving = Pyramid::with_ratio(grid, 3, 0.5);
+        let weights: Vec<f64> = (0..3).map(|k| halving.level_weight(k)).collect();
+        assert_eq!(weights, [1.0, 0.5, 0.25]);
+        let mut levels = vec![0.0_f64; halving.len()];
+        levels[halving.range(1)].fill(2.0);
+        let mut finest = vec![0.0; grid.len()];
+        halving.apply(&levels, &mut finest, 1);
+        assert!(finest.iter().all(|v| (v - 1.0).abs() < 1e-6));
+    }
+
+    #[test]
+    fn the_finest_level_alone_is_a_value_for_every_texel() {
+        let grid = LatLong::new(5, 7);
+        let alone = Pyramid::new(grid, 3).finest_alone();
+        assert_eq!((alone.len(), alone.levels().len()), (35, 1));
+        let levels: Vec<f64> = (0..35).map(f64::from).collect();
+        let mut finest = vec![0.0; 35];
+        alone.apply(&levels, &mut finest, 1);
+        let expected: Vec<f64> = levels.iter().map(|v| 4.0 * v).collect();
+        assert_eq!(finest, expected);
     }
 
     #[test]

@@ -33,7 +33,7 @@ pub struct Shading {
     pub kappa: Var,
 }
 
-/// Records L = exp(Σ 2ᵏ L_k): parameter `environment` on the domain `pyramid` (3 channels) to the domain `texel`.
+/// Records L = exp(Σ aᵏ L_k): parameter `environment` on the domain `pyramid` (3 channels) to the domain `texel`.
 pub fn record_environment(g: &Graph, pyramid: &Pyramid) -> Table {
     let levels = g.domain("pyramid");
     let texel = g.domain("texel");
@@ -60,7 +60,17 @@ pub fn record_masks(g: &Graph, degree: usize, grid: LatLong, frames: usize) -> T
     Table { texel, value }
 }
 
-/// The sizes of the tables' domains.
+/// Records M = σ(v): parameter `occluders`, a free value for every texel and frame, on the domain `mask texel`.
+///
+/// Lanes are texel × frames + frame, as of [`record_masks`].
+pub fn record_free_masks(g: &Graph) -> Table {
+    let texel = g.domain("mask texel");
+    let parameter = g.param("occluders", &texel, 1);
+    let value = parameter.sigmoid().label("transmittance");
+    Table { texel, value }
+}
+
+/// The sizes of the tables' domains; with no frames, those of the environment alone.
 pub fn table_sizes(
     sizes: Sizes,
     pyramid: &Pyramid,
@@ -68,11 +78,22 @@ pub fn table_sizes(
     grid: LatLong,
     frames: usize,
 ) -> Sizes {
-    sizes
+    let sizes = free_table_sizes(sizes, pyramid, grid, frames);
+    match frames {
+        0 => sizes,
+        _ => sizes.lanes("coefficient", (degree + 1).pow(2) * frames),
+    }
+}
+
+/// The same where masks are those of [`record_free_masks`].
+pub fn free_table_sizes(sizes: Sizes, pyramid: &Pyramid, grid: LatLong, frames: usize) -> Sizes {
+    let sizes = sizes
         .lanes("pyramid", pyramid.len())
-        .lanes("texel", pyramid.finest().len())
-        .lanes("coefficient", (degree + 1).pow(2) * frames)
-        .lanes("mask texel", grid.len() * frames)
+        .lanes("texel", pyramid.finest().len());
+    match frames {
+        0 => sizes,
+        _ => sizes.lanes("mask texel", grid.len() * frames),
+    }
 }
 
 /// Records the radiance of every pixel from its samples: 3 channels on `pixel`.

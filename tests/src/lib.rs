@@ -1,6 +1,7 @@
 //! Helpers shared by the test files.
 
 pub mod browser;
+pub mod capture_turned;
 pub mod colmap_model;
 pub mod lit_ball;
 pub mod perfect;

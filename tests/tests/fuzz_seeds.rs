@@ -11,6 +11,7 @@ use eclipse::{
         parse_transforms,
     },
     checkpoint::decode,
+    cli::parse_labels,
     evaluate::{parse_metrics, parse_specular},
     image_io::decode_image,
     mesh_io::{parse_gltf, parse_obj, parse_ply, parse_surfaced_glb},
@@ -47,7 +48,7 @@ fn every_target_has_seeds() {
         seeds(path.file_stem().unwrap().to_str().unwrap());
         targets += 1;
     }
-    assert!(targets >= 12);
+    assert!(targets >= 13);
 }
 
 #[test]
@@ -69,6 +70,7 @@ fn what_a_run_says_of_itself_is_good() {
     });
     all_good("metrics", |path, bytes| parse_metrics(bytes, path));
     all_good("truth", |path, bytes| parse_specular(bytes, path));
+    all_good("labels", |path, bytes| parse_labels(bytes, path));
 }
 
 #[test]

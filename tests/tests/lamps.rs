@@ -1,6 +1,11 @@
 //! Captures whose lamps are known: read, inspected, refused by what looks for unknown light, and criticised.
 
-use std::{fs, path::Path, process::Output, sync::Arc};
+use std::{
+    fs,
+    path::Path,
+    process::Output,
+    sync::{Arc, OnceLock},
+};
 
 use eclipse::{
     capture::{Capture, LoadOptions, write},
@@ -26,8 +31,10 @@ use glam::Vec3;
 use render::camera::Projection;
 use serde_json::{Value, json};
 
-fn plain() -> Capture {
-    lit_ball::capture(&lamps(), &lamps(), |_, _, light| light)
+/// The ball as its capture says, made once.
+fn plain() -> &'static Capture {
+    static PLAIN: OnceLock<Capture> = OnceLock::new();
+    PLAIN.get_or_init(|| lit_ball::capture(&lamps(), &lamps(), |_, _, light| light))
 }
 
 /// Writes a capture as photometric-stereo sets are: eight bits, masks as files, a ball for a shape.
@@ -60,7 +67,7 @@ fn written(folder: &Path, capture: &Capture) -> Value {
 /// The message that a capture is refused with after `spoil` changed its `transforms.json`.
 fn says(spoil: impl Fn(&mut Value)) -> String {
     let folder = tempfile::tempdir().unwrap();
-    let mut json = written(folder.path(), &plain());
+    let mut json = written(folder.path(), plain());
     spoil(&mut json);
     fs::write(folder.path().join("transforms.json"), json.to_string()).unwrap();
     match Capture::load(folder.path(), &LoadOptions::default()) {
@@ -73,7 +80,7 @@ fn says(spoil: impl Fn(&mut Value)) -> String {
 fn a_ball_under_lamps_is_read_and_understood() {
     let folder = tempfile::tempdir().unwrap();
     let made = plain();
-    let json = written(folder.path(), &made);
+    let json = written(folder.path(), made);
     fs::write(folder.path().join("transforms.json"), json.to_string()).unwrap();
     let (inspection, capture) =
         inspect(folder.path(), LoadOptions::default(), &Settings::default()).unwrap();
@@ -155,9 +162,9 @@ fn what_is_wrong_is_said() {
 #[test]
 fn whoever_looks_for_unknown_light_is_told_where_to_go() {
     let capture = plain();
-    let message = check_light(&capture).unwrap_err().to_string();
+    let message = check_light(capture).unwrap_err().to_string();
     assert!(message.contains("eclipse diagnose"), "{message}");
-    let (output, made) = run("reconstruct", &capture);
+    let (output, made) = run("reconstruct", capture);
     assert!(!output.status.success());
     assert!(program::stderr(&output).contains("eclipse diagnose"));
     assert!(!made);
@@ -198,7 +205,7 @@ fn simulation(capture: &Capture) -> Simulation {
 #[test]
 fn the_simulation_is_the_formula() {
     let capture = plain();
-    let simulation = simulation(&capture);
+    let simulation = simulation(capture);
     let (mut squares, mut count, mut dark) = (0.0, 0, 0);
     for (frame, render) in capture.frames.iter().zip(&simulation.renders) {
         for (p, &inside) in frame.mask.data.iter().enumerate() {
@@ -223,7 +230,7 @@ fn the_simulation_is_the_formula() {
 #[test]
 fn nulls_change_no_bit_under_lamps() {
     let capture = plain();
-    let study = Study::new(&capture, &simulation(&capture), 500, 20, 3).unwrap();
+    let study = Study::new(capture, &simulation(capture), 500, 20, 3).unwrap();
     let fit = Fit::start(&study).unwrap();
     let values = |links: &[Link], betas: &[Vec<f64>]| {
         let mut chain = Chain::new(links, study.seen.len()).unwrap();
@@ -270,7 +277,7 @@ fn effects_of_unknown_light_are_refused_by_name() {
         effects: vec!["moving_occluder".to_owned()],
         ..Options::default()
     };
-    let refused = criticism::diagnose(&capture, &simulation(&capture), &options, &|_| true);
+    let refused = criticism::diagnose(capture, &simulation(capture), &options, &|_| true);
     let Err(error @ DiagnoseError::OtherLight { .. }) = refused else {
         panic!("it was not refused");
     };
@@ -279,7 +286,7 @@ fn effects_of_unknown_light_are_refused_by_name() {
 
 #[test]
 fn true_lamps_have_nothing_missing() {
-    let d = diagnosed(&plain()).diagnosis;
+    let d = diagnosed(plain()).diagnosis;
     let told = format!("{} ({:?}, {:?})", d.sentence, d.structured, d.refits);
     assert_eq!(d.verdict, Verdict::NothingMissing, "{told}");
 }
@@ -287,7 +294,7 @@ fn true_lamps_have_nothing_missing() {
 /// Rounding is not independent from pixel to pixel, so that eight bits may leave a doubt, but no physics.
 #[test]
 fn eight_bits_are_no_physics() {
-    let mut capture = plain();
+    let mut capture = plain().clone();
     lit_ball::to_eight_bits(&mut capture);
     let outcome = diagnosed(&capture);
     assert!(outcome.study.seen.eight_bits);
@@ -369,8 +376,7 @@ fn lamps_of_unlike_strength_are_exposure() {
 
 #[test]
 fn light_besides_the_lamps_is_found() {
-    let capture = lit_ball::capture(&lamps(), &lamps(), |_, _, light| light);
-    let mut lit = capture.clone();
+    let mut lit = plain().clone();
     // A dim sky above: the formula again, per pixel.
     for frame in &mut lit.frames {
         for p in 0..SIZE * SIZE {

@@ -155,6 +155,39 @@ fn files_can_be_read_in_one_sitting() {
     }
 }
 
+#[test]
+fn every_file_of_tests_is_in_one_binary() {
+    let manifest = fs::read_to_string(root().join("tests/Cargo.toml")).unwrap();
+    let named = |line: &str| {
+        let path = line.strip_prefix("path = \"tests/")?;
+        Some(path.strip_suffix(".rs\"")?.to_owned())
+    };
+    let roots: Vec<String> = manifest.lines().filter_map(named).collect();
+    let modules: Vec<String> = roots
+        .iter()
+        .flat_map(|name| {
+            let path = root().join(format!("tests/tests/{name}.rs"));
+            let text = fs::read_to_string(path).unwrap();
+            let modules = text.lines().filter_map(|line| line.strip_prefix("mod "));
+            let modules = modules.filter_map(|line| line.strip_suffix(";"));
+            modules.map(str::to_owned).collect::<Vec<_>>()
+        })
+        .collect();
+    let mut files = 0;
+    for entry in fs::read_dir(root().join("tests/tests")).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_none_or(|extension| extension != "rs") {
+            continue;
+        }
+        let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
+        // Tests that nothing compiles cannot fail.
+        let count = roots.iter().chain(&modules).filter(|known| **known == name);
+        assert_eq!(count.count(), 1, "{name}.rs");
+        files += 1;
+    }
+    assert!(files > roots.len());
+}
+
 /// Fails when code below `folder`, outside `except`, mentions `word`.
 fn absent(folder: &str, word: &str, except: &[&str]) {
     for file in sources(folder) {

@@ -78,7 +78,7 @@ fn a_full_disk_ends_with_one_message_and_no_half_files() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     let short = [
-        text(&perfect::bundled()).to_owned(),
+        text(small_capture::on_disk()).to_owned(),
         "--lambertian".to_owned(),
         "--iterations".to_owned(),
         "1".to_owned(),

@@ -1,6 +1,6 @@
 //! Predicted standard deviations against the spread of solutions over draws of the noise.
 
-use std::fs;
+use std::{fs, sync::OnceLock};
 
 use eclipse::{
     capture::Capture,
@@ -122,6 +122,17 @@ impl Small {
     }
 }
 
+/// The problem without occluders with its first draw of noise, and its solution, made once.
+fn drawn() -> &'static (Small, Vec<f32>) {
+    static DRAWN: OnceLock<(Small, Vec<f32>)> = OnceLock::new();
+    DRAWN.get_or_init(|| {
+        let mut small = Small::new(&perfect::capture(), None);
+        small.draw(0);
+        let z = small.solve();
+        (small, z)
+    })
+}
+
 /// Standard deviation over draws, value by value.
 fn spread(draws: &[Vec<f32>]) -> Vec<f64> {
     let n = draws.len() as f64;
@@ -171,29 +182,27 @@ fn noise_spreads_light_as_much_as_predicted() {
 
 #[test]
 fn more_products_only_make_surer_and_all_is_more_than_noise() {
-    let mut small = Small::new(&perfect::capture(), None);
-    small.draw(0);
-    let z = small.solve();
+    let (small, z) = drawn();
     let of = |products: usize, part: Part| {
         let effort = Effort {
             products,
             probes: 4,
         };
-        small.deviations(&z, effort, part).radiance
+        small.deviations(z, effort, part).radiance
     };
     let mean = |values: &[f32]| values.iter().map(|v| f64::from(*v)).sum::<f64>();
     let all: Vec<Vec<f32>> = [0, 10, 40, 160, 320]
         .iter()
         .map(|&p| of(p, Part::All))
         .collect();
-    let (at, _) = small.shared.linearise(&z).unwrap();
+    let (at, _) = small.shared.linearise(z).unwrap();
     let radiance = at.radiance().unwrap();
     drop(at);
     // Without a look at the data there is the prior.
     for ((deviation, radiance), prior) in all[0]
         .iter()
         .zip(&radiance)
-        .zip(small.shared.prior_variances(&z))
+        .zip(small.shared.prior_variances(z))
     {
         let expected = radiance * prior.sqrt() as f32;
         assert!((deviation - expected).abs() <= 1e-4 * expected);
@@ -209,9 +218,7 @@ fn more_products_only_make_surer_and_all_is_more_than_noise() {
 
 #[test]
 fn what_is_missed_bounds_what_more_products_find() {
-    let mut small = Small::new(&perfect::capture(), None);
-    small.draw(0);
-    let z = small.solve();
+    let (small, z) = drawn();
     let bounds: Vec<[f64; 2]> = [5, 20, 80, 320]
         .iter()
         .map(|&products| {
@@ -219,7 +226,7 @@ fn what_is_missed_bounds_what_more_products_find() {
                 products,
                 probes: 64,
             };
-            let posterior = Posterior::new(&small.shared, &z, effort, 1, &mut || true).unwrap();
+            let posterior = Posterior::new(&small.shared, z, effort, 1, &mut || true).unwrap();
             [posterior.known(), posterior.known_at_most()]
         })
         .collect();
@@ -290,8 +297,7 @@ fn deviations_are_written_and_shown_and_do_not_outlive_their_run() {
 
 #[test]
 fn the_rest_is_orthogonal_to_what_was_found() {
-    let mut small = Small::new(&perfect::capture(), None);
-    small.draw(0);
+    let (small, _) = drawn();
     let (mut at, _) = small.shared.linearise(&small.truth).unwrap();
     let n = small.truth.len();
     let projector = eclipse::reconstruct::least_squares::Projector::new(

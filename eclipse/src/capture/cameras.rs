@@ -93,12 +93,21 @@ fn resized(name: &str, camera: Camera, size: [usize; 2]) -> Result<Camera, Captu
             ),
         });
     }
-    let scales = [scale, height as f32 / camera.height as f32];
-    Ok(Camera {
+    Ok(scaled(camera, size))
+}
+
+/// The same view with other pixels, of whatever shape: what is seen stays where it is in the picture.
+pub(super) fn scaled(camera: Camera, [width, height]: [usize; 2]) -> Camera {
+    let own = [camera.width, camera.height];
+    let scale = |values: [f32; 2]| {
+        let along = |axis: usize| [width, height][axis] as f64 / own[axis] as f64;
+        [0, 1].map(|axis| (f64::from(values[axis]) * along(axis)) as f32)
+    };
+    Camera {
         width,
         height,
-        focal: [0, 1].map(|axis| camera.focal[axis] * scales[axis]),
-        principal: [0, 1].map(|axis| camera.principal[axis] * scales[axis]),
+        focal: scale(camera.focal),
+        principal: scale(camera.principal),
         ..camera
-    })
+    }
 }

@@ -104,7 +104,8 @@ pub enum CaptureError {
     /// Images that would not fit into memory together.
     #[error(
         "{}: its photographs and masks have {samples} values together (pixels × channels, of a photograph at least 4 a pixel), \
-         {:.1} GiB as floats; at most {MAX_SAMPLES} are read: scale the images down (with them w, h, the focal lengths and the \
+         {:.1} GiB as floats; at most {MAX_SAMPLES} are read: give --max-size (in the library: `LoadOptions::max_size`), \
+         scale the images down (with them w, h, the focal lengths and the \
          principal point), or leave photographs out",
         path.display(), *samples as f64 / f64::from(1 << 28)
     )]

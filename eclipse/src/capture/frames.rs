@@ -2,6 +2,7 @@
 
 use std::{
     collections::HashSet,
+    ops::Range,
     path::{Path, PathBuf},
 };
 
@@ -10,54 +11,87 @@ use render::image::Image;
 
 use super::{
     CaptureError, Frame, MAX_SAMPLES,
+    cameras::scaled,
     paths::Folder,
     pose::{camera, declared_size, rigid_pose},
     transforms::{Transforms, TransformsFrame},
 };
-use crate::image_io::{ColorEncoding, read_image, read_size};
+use crate::image_io::{ColorEncoding, read_image, read_size, reduce, reduced_size};
 
 /// What is kept of a pixel of a photograph: three values of colour and one of coverage.
 const KEPT: usize = 4;
+/// Samples that are decoded at once of frames that are reduced, 1 GiB as floats; more, where a frame alone has more.
+const AT_ONCE: u64 = 1 << 28;
+
+/// How photographs are read: how they store colours, and the longest side that is kept of them.
+pub(super) type Reading = (Option<ColorEncoding>, Option<usize>);
 
 /// Reads every frame, in the order of `transforms`.
 pub(super) fn load(
     folder: &Folder,
     json: &Path,
     transforms: &Transforms,
-    encoding: Option<ColorEncoding>,
+    reading: Reading,
 ) -> Result<Vec<Frame>, CaptureError> {
-    let names = names(json, &transforms.frames)?;
-    check_samples(folder, json, &transforms.frames)?;
-    // Collected in order before the first error is looked for, so that it does not depend on timing.
-    let frames: Vec<Result<Frame, CaptureError>> = names
-        .into_par_iter()
-        .zip(&transforms.frames)
-        .map(|(name, entry)| load_frame(folder, transforms, name, entry, encoding))
-        .collect();
-    let frames = frames
-        .into_iter()
-        .collect::<Result<Vec<Frame>, CaptureError>>()?;
-    same_sizes(folder, transforms, &frames)?;
+    let entries = &transforms.frames;
+    let names = names(json, entries)?;
+    let samples = samples(folder, entries, reading.1);
+    check_samples(json, &samples)?;
+    let at_once = reading.1.map_or(u64::MAX, |_| AT_ONCE);
+    let (mut frames, mut sizes) = (Vec::new(), Vec::new());
+    for batch in batches(&samples, at_once) {
+        // Collected in order before the first error is looked for, so that it does not depend on timing.
+        let read: Vec<Result<_, CaptureError>> = names[batch.clone()]
+            .par_iter()
+            .zip(&entries[batch])
+            .map(|(name, entry)| load_frame(folder, transforms, name.clone(), entry, reading))
+            .collect();
+        for read in read {
+            let (frame, size) = read?;
+            frames.push(frame);
+            sizes.push(size);
+        }
+    }
+    same_sizes(folder, transforms, &frames, &sizes)?;
     Ok(frames)
 }
 
-/// Refuses photographs and masks of more samples than may be read, before any of them is decoded: a few kilobytes of PNG can
-/// hold a hundred million pixels of one colour.
-fn check_samples(
-    folder: &Folder,
-    json: &Path,
-    entries: &[TransformsFrame],
-) -> Result<(), CaptureError> {
+/// Samples of a photograph and its mask.
+#[derive(Clone, Copy)]
+struct Samples {
+    /// While they are decoded.
+    decoded: u64,
+    /// Afterwards.
+    kept: u64,
+}
+
+/// What each frame takes, by the headers of its files: a few kilobytes of PNG can hold a hundred million pixels of one colour.
+fn samples(folder: &Folder, entries: &[TransformsFrame], max_size: Option<usize>) -> Vec<Samples> {
     // A file that is not there, or no image, counts nothing here: reading its frame says what is wrong with it.
     let size = |field, name: &str| read_size(&folder.image("", field, name).ok()?).ok();
-    let samples_of = |entry: &TransformsFrame| {
-        let photograph = size("file_path", &entry.file_path)
-            .map_or(0, |size| size.samples.max(KEPT * size.width * size.height));
+    let of = |entry: &TransformsFrame| {
+        let photograph = size("file_path", &entry.file_path);
         let mask = entry.mask_path.as_deref();
         let mask = mask.and_then(|name| size("mask_path", name));
-        photograph as u64 + mask.map_or(0, |size| size.samples as u64)
+        let decoded = photograph.map_or(0, |size| size.samples.max(KEPT * size.width * size.height))
+            as u64
+            + mask.map_or(0, |size| size.samples as u64);
+        let reduced = photograph.zip(max_size).and_then(|(size, longest)| {
+            let own = [size.width, size.height];
+            let reduced = reduced_size(own, longest);
+            (reduced != own).then(|| (KEPT * reduced[0] * reduced[1]) as u64)
+        });
+        Samples {
+            decoded,
+            kept: reduced.unwrap_or(decoded),
+        }
     };
-    let samples: u64 = entries.par_iter().map(samples_of).sum();
+    entries.par_iter().map(of).collect()
+}
+
+/// Refuses photographs and masks of more samples than may be kept, before any of them is decoded.
+fn check_samples(json: &Path, samples: &[Samples]) -> Result<(), CaptureError> {
+    let samples: u64 = samples.iter().map(|samples| samples.kept).sum();
     if samples <= MAX_SAMPLES {
         return Ok(());
     }
@@ -67,13 +101,29 @@ fn check_samples(
     })
 }
 
+/// The frames in parts, of which one after the other is decoded: as many as `at_once` allows, but one at least.
+fn batches(samples: &[Samples], at_once: u64) -> Vec<Range<usize>> {
+    let mut batches = Vec::new();
+    let (mut start, mut sum) = (0, 0);
+    for (index, samples) in samples.iter().enumerate() {
+        if index > start && sum + samples.decoded > at_once {
+            batches.push(start..index);
+            (start, sum) = (index, 0);
+        }
+        sum += samples.decoded;
+    }
+    batches.push(start..samples.len());
+    batches
+}
+
+/// A frame, and the size that its photograph has in its file.
 fn load_frame(
     folder: &Folder,
     transforms: &Transforms,
     name: String,
     entry: &TransformsFrame,
-    encoding: Option<ColorEncoding>,
-) -> Result<Frame, CaptureError> {
+    (encoding, max_size): Reading,
+) -> Result<(Frame, [usize; 2]), CaptureError> {
     let intrinsics = entry.intrinsics.or(&transforms.intrinsics);
     let pose = rigid_pose(&name, transforms.pose_of(entry))?;
     let declared = declared_size(&name, &intrinsics)?;
@@ -111,18 +161,25 @@ fn load_frame(
         None if image.channels.is_multiple_of(2) => (channel(&image, image.channels - 1), path),
         None => return Err(CaptureError::NoMask { frame: name, path }),
     };
+    let small = max_size.map_or(size, |longest| reduced_size(size, longest));
+    let reduced = |image: Image| match small == size {
+        true => image,
+        false => reduce(&image, small),
+    };
+    let mask = reduced(mask);
     if mask.data.iter().all(|&coverage| coverage <= 0.5) {
         return Err(CaptureError::EmptyMask {
             frame: name,
             path: mask_path,
         });
     }
-    Ok(Frame {
+    let frame = Frame {
         name,
-        camera,
-        image: image.to_rgb(),
+        camera: scaled(camera, small),
+        image: reduced(image).to_rgb(),
         mask,
-    })
+    };
+    Ok((frame, size))
 }
 
 /// The frames' names: file names without extension or, where those repeat, paths with `_` between folders.
@@ -186,32 +243,33 @@ fn check_size(
     })
 }
 
-/// Frames that share their intrinsics must share their size, even where no `w` and `h` say it.
+/// Frames that share their intrinsics must share the size of their files, even where no `w` and `h` say it.
 fn same_sizes(
     folder: &Folder,
     transforms: &Transforms,
     frames: &[Frame],
+    sizes: &[[usize; 2]],
 ) -> Result<(), CaptureError> {
     let shared = |entry: &TransformsFrame| {
         entry.intrinsics.fl_x.is_none() && entry.intrinsics.camera_angle_x.is_none()
     };
-    let size = |frame: &Frame| [frame.image.width, frame.image.height];
     let mut with_shared = frames
         .iter()
+        .zip(sizes)
         .zip(&transforms.frames)
         .filter(|(_, entry)| shared(entry));
-    let Some((first, _)) = with_shared.next() else {
+    let Some(((_, first), _)) = with_shared.next() else {
         return Ok(());
     };
-    for (frame, entry) in with_shared {
-        if size(frame) != size(first) {
+    for ((frame, size), entry) in with_shared {
+        if size != first {
             let path = folder.image(&frame.name, "file_path", &entry.file_path)?;
             check_size(
                 &frame.name,
                 &path,
-                size(frame),
+                *size,
                 "the first frame, with the same intrinsics, has",
-                size(first),
+                *first,
             )?;
         }
     }
@@ -277,5 +335,21 @@ fn file_mask(image: &Image) -> Image {
         channels: 1,
         data,
         ..*image
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_more_is_decoded_at_once_than_may_be_but_for_one_frame() {
+        let of = |decoded: &[u64]| {
+            let samples = decoded.iter().map(|&decoded| Samples { decoded, kept: 1 });
+            batches(&samples.collect::<Vec<_>>(), 10)
+        };
+        assert_eq!(of(&[5, 5, 5]), [0..2, 2..3]);
+        assert_eq!(of(&[15, 1, 5, 5]), [0..1, 1..3, 3..4]);
+        assert_eq!(of(&[0, 0, 15]), [0..2, 2..3]);
     }
 }

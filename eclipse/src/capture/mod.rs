@@ -12,6 +12,7 @@ mod paths;
 mod pose;
 mod silhouette;
 pub mod transforms;
+mod up;
 mod write;
 
 use std::path::{Path, PathBuf};
@@ -25,6 +26,7 @@ pub use formats::Source;
 pub use lamps::{Lamp, Lamps};
 pub use silhouette::{Diagnosis, mask_overlap};
 pub use transforms::parse_transforms;
+pub use up::UpAxis;
 pub(crate) use write::vacant;
 pub use write::{write, write_with};
 
@@ -36,7 +38,7 @@ use crate::{capture::paths::Folder, image_io::ColorEncoding, mesh_io::read_mesh}
 /// A run with the memory that it has by default holds a seventh of this.
 pub const MAX_SAMPLES: u64 = 1 << 31;
 
-/// A capture, read and checked, in the recentred frame (the middle of the mesh's bounding box is the origin).
+/// A capture, read and checked, in the recentred frame (the middle of the mesh's bounding box is the origin), whose z points up.
 #[derive(Clone, Debug)]
 pub struct Capture {
     /// The folder it was read from.
@@ -45,7 +47,7 @@ pub struct Capture {
     pub frames: Vec<Frame>,
     /// The object.
     pub mesh: Mesh,
-    /// Where the recentred frame's origin lies in the capture's own frame: own = recentred + centre.
+    /// Where the recentred frame's origin lies in the capture's own frame, turned so that z points up: own = recentred + centre.
     pub centre: Vec3,
     /// The lamps, where the light is known.
     pub lamps: Option<Lamps>,
@@ -73,6 +75,10 @@ pub struct LoadOptions {
     pub allow_outside: bool,
     /// How colours are stored, in place of what `transforms.json` or the file types say.
     pub color_encoding: Option<ColorEncoding>,
+    /// Which axis of the capture's own world points up; in what is read it is z.
+    pub up: UpAxis,
+    /// Longest side of photographs and masks, in pixels: larger ones are reduced, one batch after the other, as they are read.
+    pub max_size: Option<usize>,
     /// Least median overlap (intersection over union) of the mesh's silhouettes with the masks; 0 switches the check off.
     pub min_overlap: f32,
 }
@@ -83,6 +89,8 @@ impl Default for LoadOptions {
             mesh: None,
             allow_outside: false,
             color_encoding: None,
+            up: UpAxis::Z,
+            max_size: None,
             min_overlap: 0.8,
         }
     }
@@ -102,12 +110,18 @@ pub fn photographs(path: &Path) -> Result<Vec<Option<PathBuf>>, CaptureError> {
 }
 
 impl Capture {
-    /// What describes the capture in the folder `path`, without its images.
+    /// What describes the capture in the folder `path`, without its images; in the axes of its files, and without sparse points
+    /// where those are not the axes of what [`Capture::load`] reads.
     ///
     /// # Errors
     /// [`CaptureError`] names the file, the field, what was expected and what to do.
     pub fn describe(path: &Path, options: &LoadOptions) -> Result<Source, CaptureError> {
-        formats::read(&Folder::new(path, options.allow_outside)?)
+        let source = formats::read(&Folder::new(path, options.allow_outside)?)?;
+        Ok(Source {
+            // They are told in the axes of the files, and nothing that is made of the capture is.
+            points: source.points.filter(|_| options.up == UpAxis::Z),
+            ..source
+        })
     }
 
     /// Reads and checks the capture in the folder `path`.
@@ -130,7 +144,8 @@ impl Capture {
             None => read_mesh(&folder.mesh(options.mesh.as_deref(), &transforms)?)?,
         };
         let encoding = options.color_encoding.or(transforms.color_encoding);
-        let mut frames = frames::load(&folder, &described, &transforms, encoding)?;
+        let reading = (encoding, options.max_size);
+        let mut frames = frames::load(&folder, &described, &transforms, reading)?;
 
         let names = frames.iter().map(|frame| &*frame.name);
         let lamps = lamps::lamps(&described, &transforms, names)?.map(|lamps| Lamps {
@@ -156,6 +171,8 @@ impl Capture {
         capture.stand_off();
         capture.check_distances(&transforms, options)?;
         silhouette::check(&capture, &transforms, options.min_overlap)?;
+        // Last, so that whatever is amiss is told in the axes of the files.
+        capture.turn(options.up);
         Ok(capture)
     }
 

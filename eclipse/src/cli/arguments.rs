@@ -10,7 +10,10 @@ use super::{
     reconstruct::ReconstructArguments, relight::RelightArguments, shown::ProgressArguments,
     study::StudyArguments, synthesize::SynthesizeArguments,
 };
-use crate::{capture::LoadOptions, image_io::ColorEncoding};
+use crate::{
+    capture::{LoadOptions, UpAxis},
+    image_io::ColorEncoding,
+};
 
 /// Recovers light, materials and unseen occluders from posed photographs of an object whose shape is known.
 #[derive(Parser, Debug)]
@@ -74,6 +77,13 @@ pub(super) struct ReadingArguments {
     /// How all photographs store colours [default: what transforms.json says, else EXR and HDR linear, PNG and JPEG srgb].
     #[arg(long, value_enum, value_name = "ENCODING")]
     pub color: Option<ColorName>,
+    /// Axis of the capture's world that points up: x, y, z, -x, -y or -z [default: z]. Cameras and mesh are turned so that it is z
+    /// in all that is written. COLMAP models need it: what is up in them is arbitrary.
+    #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
+    pub up: Option<UpAxis>,
+    /// Longest side of photographs, in pixels: larger ones, and their masks, are reduced by means over areas [default: none is].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub max_size: Option<u32>,
 }
 
 /// How stored values relate to light.
@@ -92,6 +102,8 @@ impl ReadingArguments {
             mesh: mesh.map(Path::to_path_buf),
             allow_outside: self.allow_outside,
             color_encoding: self.color.map(ColorName::encoding),
+            up: self.up.unwrap_or_default(),
+            max_size: self.max_size.map(|side| side as usize),
             ..LoadOptions::default()
         }
     }

@@ -16,7 +16,7 @@ use super::{
     stop_on_interrupt, taken, units,
 };
 use crate::{
-    capture::{Capture, LoadOptions},
+    capture::{Capture, LoadOptions, UpAxis},
     control::Control,
     criticism::{
         self, DiagnoseError, Diagnosis, Options, Simulation, diagnosis::Finding, effects, page,
@@ -247,6 +247,12 @@ fn reconstruction_with(job: &Job<'_>, d: &Diagnosis) -> Option<String> {
     }
     if let Some(encoding) = job.reading.color_encoding {
         command += &format!(" --color {}", ColorName::of(encoding).name());
+    }
+    if job.reading.up != UpAxis::default() {
+        command += &format!(" --up {}", job.reading.up.name());
+    }
+    if let Some(side) = job.reading.max_size {
+        command += &format!(" --max-size {side}");
     }
     if !somebody {
         command += " --no-occluders";

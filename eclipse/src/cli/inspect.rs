@@ -13,7 +13,8 @@ use crate::{
 const INSPECT_EXAMPLES: &str = "Examples:
   eclipse inspect my-capture
   eclipse inspect my-capture --mesh scan.ply --out out/inspection
-  eclipse inspect my-capture --json";
+  eclipse inspect my-capture --json
+  eclipse inspect my-colmap --up -y   # a COLMAP model whose y axis points down";
 
 #[derive(Args, Debug)]
 #[command(after_help = INSPECT_EXAMPLES)]

@@ -1,6 +1,7 @@
 //! `eclipse reconstruct`.
 
 mod limit;
+mod reading;
 mod resume;
 
 use std::{
@@ -39,9 +40,11 @@ const RECONSTRUCT_EXAMPLES: &str = "Examples:
   eclipse reconstruct my-capture --out out/first --resume --time-limit 1h   # an hour in all, all else the same
   eclipse reconstruct my-capture --out out/refined --preset paper --from out/first --hold-out 8
   eclipse reconstruct my-capture --out out/camera --with exposure_drift,vignetting
+  eclipse reconstruct my-colmap --out out/colmap --up -y --max-size 1024    # y points down in it, the photographs are large
 
 A capture is a folder with transforms.json (Blender/NeRF or nerfstudio) or a COLMAP model, the photographs
-it names (EXR, HDR, PNG, JPEG; alpha or masks) and a mesh (mesh.glb, .gltf, .obj or .ply).
+it names (EXR, HDR, PNG, JPEG; alpha or masks) and a mesh (mesh.glb, .gltf, .obj or .ply). The light is recovered with z up. Which way
+is up in a COLMAP model is arbitrary: say it with --up, where it is not z.
 
 With --resume, options that are not given are those of the run's beginning (but for --allow-outside, which has to be given again). Time
 limit, iterations, threads and memory may be others, with the same result bit for bit as far as a run goes.";
@@ -130,7 +133,7 @@ pub(super) fn run(
         outcome: Outcome::Usage,
         message: error.to_string(),
     })?;
-    let options = chosen.reading(arguments);
+    let options = chosen.options(arguments);
     let capture = Capture::load(&arguments.capture, &options).map_err(Failure::bad_input)?;
     // Before a folder is made for it.
     reconstruct::check_light(&capture).map_err(Failure::bad_input)?;

@@ -11,7 +11,7 @@ use render::{camera::Camera, convention::Convention, environment::EnvironmentMap
 
 use super::{Failure, Outcome, print, shown::ProgressArguments, stop_on_interrupt, units};
 use crate::{
-    capture::{MAX_PICTURE_SIDE, read_cameras},
+    capture::{MAX_PICTURE_SIDE, UpAxis, read_cameras},
     image_io::{EnvironmentOptions, Rows, read_environment},
     progress::PictureDisplay,
     relight::{
@@ -65,6 +65,14 @@ pub(super) struct RelightArguments {
     /// Cameras: `orbit`, a circle around the object, or a transforms.json in the capture's frame.
     #[arg(long, value_name = "orbit|FILE", default_value = "orbit")]
     pub camera: PathBuf,
+    /// Axis of the world of that file that points up, as it was told to reconstruct: x, y, z, -x, -y or -z.
+    #[arg(
+        long,
+        value_name = "AXIS",
+        default_value = "z",
+        allow_hyphen_values = true
+    )]
+    pub up: UpAxis,
     /// Call the pictures as the cameras' file calls its frames, folders included.
     #[arg(long)]
     pub names_from_cameras: bool,
@@ -193,7 +201,10 @@ impl RelightArguments {
             self.orbit(object)
         } else {
             let cameras = read_cameras(&self.camera, self.size)?;
-            let cameras = cameras.into_iter().map(|(_, camera)| camera).collect();
+            let turned = cameras
+                .into_iter()
+                .map(|(_, camera)| self.up.turned(camera));
+            let cameras = turned.collect();
             relight::recentred(object, evenly(cameras, count))?
         };
         let view = |(index, camera): (usize, Camera)| {

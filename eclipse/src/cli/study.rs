@@ -1,19 +1,18 @@
 //! `eclipse study`: a command over many captures, scored.
 
 use std::{
-    collections::BTreeMap,
     ffi::OsString,
     io::Write,
     path::{Path, PathBuf},
 };
 
 use clap::{Args, Subcommand};
-use serde::Deserialize;
 
 use super::{
     Failure, Outcome,
     cases::{CaseArguments, Ended},
     diagnose,
+    labels::{MAX_LABELS, parse_labels},
     nulls::{self, NullsArguments},
     shown::ProgressArguments,
     stop_on_interrupt,
@@ -24,14 +23,11 @@ use crate::{
     criticism::{
         self,
         oracle::yardstick,
-        study_scores::{self, Case, Scores},
+        study_scores::{Case, Scores},
     },
     files::read_limited,
     progress::{Event, Lines, Style},
 };
-
-/// Largest file of labels.
-const MAX_LABELS: u64 = 1 << 24;
 
 #[derive(Args, Debug)]
 pub(super) struct StudyArguments {
@@ -80,11 +76,6 @@ impl StudyArguments {
     }
 }
 
-#[derive(Deserialize)]
-struct Label {
-    effects: Vec<String>,
-}
-
 /// Runs what was typed as `typed`.
 pub(super) fn run(
     arguments: &StudyArguments,
@@ -103,13 +94,7 @@ pub(super) fn run(
             arguments.labels.display()
         ))
     })?;
-    let labels: BTreeMap<String, Label> = serde_json::from_slice(&bytes).map_err(|error| {
-        Failure::bad_input(format!(
-            "{} is not a table of labels ({error}); expected {{\"capture\": {{\"effects\": [\"…\"]}}}}",
-            arguments.labels.display()
-        ))
-    })?;
-    check(&labels, &arguments.labels)?;
+    let labels = parse_labels(&bytes, &arguments.labels).map_err(Failure::bad_input)?;
     let stop = stop_on_interrupt()?;
     let _lock = arguments.out.as_deref().map(taken).transpose()?;
     let style = arguments.cases.progress.style(false);
@@ -171,20 +156,4 @@ pub(super) fn run(
     arguments
         .cases
         .end(out, folder, &scores, Scores::table, ended)
-}
-
-/// Refuses labels that no diagnosis could ever match.
-fn check(labels: &BTreeMap<String, Label>, path: &Path) -> Result<(), Failure> {
-    let known = study_scores::names();
-    for (name, label) in labels {
-        let unknown = |id: &&String| !known.contains(&id.as_str());
-        if let Some(id) = label.effects.iter().find(unknown) {
-            return Err(Failure::bad_input(format!(
-                "{}: the label of {name:?} names {id:?}, which is no effect; expected some of {}",
-                path.display(),
-                known.join(", ")
-            )));
-        }
-    }
-    Ok(())
 }

@@ -3,7 +3,7 @@
 use std::{collections::BTreeMap, time::Instant};
 
 use super::{
-    compete, confirm,
+    axes, certainty, compete, confirm,
     diagnosis::{Diagnosis, Finding, Ranked, Refitted, Sealed, Verdict},
     effects::{self, Effect},
     fit::{Fit, FitError},
@@ -14,9 +14,10 @@ use super::{
     refit::{self, Round},
     score::{Screen, screen},
     sealed::{Judge, Noise},
+    silhouette::Silhouettes,
     simulation::Simulation,
     study::{Study, StudyError},
-    told::{finding, moved, ranked},
+    told::{finding, moved, ranked, shared_exponent},
     verdict::{self, Grounds},
 };
 use crate::capture::Capture;
@@ -67,6 +68,8 @@ pub struct Outcome<'a> {
     pub before: Fit,
     /// The last model.
     pub after: Fit,
+    /// Its occluders, if it has any.
+    pub silhouettes: Option<Silhouettes>,
 }
 
 /// Diagnoses a capture against its simulation; `report` is told what is being done and answers whether to go on.
@@ -168,10 +171,16 @@ pub fn diagnose<'a>(
     let opened = confirm::open(&study, &rounds, &mut refits)?;
     let before = rounds.first().map_or(&first, |round| &round.null);
     let after = opened.path.last().map_or(before, |step| step.fit);
+    let errors = if opened.path.is_empty() {
+        BTreeMap::new()
+    } else {
+        report("how sure the numbers are")?;
+        certainty::standard_errors(&study, after)?
+    };
     let findings: Vec<Finding> = opened
         .path
         .iter()
-        .map(|step| finding(step.choice, after, step.gain))
+        .map(|step| finding(step.choice, after, step.gain, &errors))
         .collect();
     let all_shared = is_shared(after);
     let none = FrameNumbers::none();
@@ -187,7 +196,7 @@ pub fn diagnose<'a>(
     let structured = [before, after].map(|fit| locate::structured_energy(&study, fit));
     let hot_spots = locate::hot_spots(&study, before, HOT_SPOTS);
     let hot_spots_after = locate::hot_spots(&study, after, HOT_SPOTS);
-    let axes = locate::axes(&study, before, after);
+    let axes = axes::axes(&study, before, after);
     let grounds = Grounds {
         found: &findings,
         unknown: opened.unknown,
@@ -198,8 +207,9 @@ pub fn diagnose<'a>(
     let verdict = verdict::verdict(&grounds);
     let moved = moved(before, after);
     let looks_like = opened.unknown;
-    let (before, after) = (before.duplicate(&study)?, after.duplicate(&study)?);
-    drop(rounds);
+    let silhouettes = Silhouettes::of(&study, &simulation.occluders, after);
+    let last = opened.path.last().and_then(|step| place(&rounds, step.fit));
+    let (before, after) = ends(&study, first, rounds, last)?;
     seconds.insert("all".to_owned(), began.elapsed().as_secs_f64());
     let mut diagnosis = Diagnosis {
         verdict,
@@ -208,6 +218,8 @@ pub fn diagnose<'a>(
             Verdict::Unexplained => Vec::new(),
             _ => findings,
         },
+        shared_exponent: None,
+        occluders: silhouettes.as_ref().map(|s| s.told.clone()),
         looks_like,
         ranking,
         sealed,
@@ -229,12 +241,47 @@ pub fn diagnose<'a>(
         seconds,
     };
     diagnosis.sentence = verdict::sentence(&diagnosis);
+    diagnosis.shared_exponent = shared_exponent(&diagnosis.effects);
     Ok(Outcome {
         diagnosis,
         study,
         before,
         after,
+        silhouettes,
     })
+}
+
+/// Round and rank of a model among those that stand.
+fn place(rounds: &[Round], fit: &Fit) -> Option<[usize; 2]> {
+    let rank = |round: &Round| {
+        let mut standing = round.standing.iter();
+        standing.position(|(_, other)| std::ptr::eq(other, fit))
+    };
+    let mut rounds = rounds.iter().enumerate();
+    rounds.find_map(|(k, round)| Some([k, rank(round)?]))
+}
+
+/// The first and the last model, the latter at `last` or the same, out of all that were tried; the others are let go.
+fn ends(
+    study: &Study<'_>,
+    first: Fit,
+    rounds: Vec<Round>,
+    last: Option<[usize; 2]>,
+) -> Result<(Fit, Fit), FitError> {
+    let (mut before, mut after) = (first, None);
+    for (k, round) in rounds.into_iter().enumerate() {
+        if let Some([_, rank]) = last.filter(|[at, _]| *at == k) {
+            after = round.standing.into_iter().nth(rank);
+        }
+        if k == 0 {
+            before = round.null;
+        }
+    }
+    let after = match after {
+        Some((_, fit)) => fit,
+        None => before.duplicate(study)?,
+    };
+    Ok((before, after))
 }
 
 /// What was taken for granted.

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::locate::{Axis, HotSpot};
+use super::{axes::Axis, locate::HotSpot};
+use crate::evaluate::OccluderScore;
 
 /// The outcome in a word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -29,7 +30,8 @@ pub struct Finding {
     pub id: &'static str,
     /// Its numbers by name.
     pub parameters: BTreeMap<String, f64>,
-    /// Their standard errors.
+    /// Their standard errors at the last model: by noise while light and texture follow, or by leaving out parts of the surface,
+    /// whichever is larger.
     pub standard_errors: BTreeMap<String, f64>,
     /// Gain on sealed pixels in units of the noise's variance.
     pub sealed_gain: f64,
@@ -110,6 +112,18 @@ pub struct Sealed {
     pub rmse_after: f64,
 }
 
+/// The occluders of the last model.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Occluders {
+    /// The share of the fitted light that is blocked in each frame.
+    pub blocked: Vec<f64>,
+    /// How far they are from the capture's `truth/occluders.exr`, as `evaluate` measures it; nothing without a truth.
+    #[serde(flatten)]
+    pub score: OccluderScore,
+    /// Why a truth that is there could not be compared with.
+    pub problem: Option<String>,
+}
+
 /// `diagnosis.json`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Diagnosis {
@@ -117,6 +131,10 @@ pub struct Diagnosis {
     pub verdict: Verdict,
     /// What was added to the model, in order.
     pub effects: Vec<Finding>,
+    /// What is known of the effects' sizes only together, in a sentence.
+    pub shared_exponent: Option<String>,
+    /// The occluders of the last model, if it has any; a map of each frame is in `occluders.exr`.
+    pub occluders: Option<Occluders>,
     /// A stand-in for physics that has no name here and does better than all that has one.
     pub looks_like: Option<&'static str>,
     /// The first screening, best first.

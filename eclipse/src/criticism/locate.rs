@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::{
     fit::Fit,
-    light::Light,
+    neighbours::{self, shared},
     statistics::{discoveries, normal_tail},
     study::Study,
 };
@@ -28,21 +28,9 @@ pub struct HotSpot {
     pub sigma: f64,
     /// Mean residual relative to the value.
     pub relative: f64,
-}
-
-/// Residuals by one axis, such as the distance from the image's middle.
-#[derive(Clone, Debug, Serialize)]
-pub struct Axis {
-    /// What the axis is.
-    pub name: &'static str,
-    /// Middle of each bin.
-    pub at: Vec<f64>,
-    /// Mean relative residual before and after.
-    pub before: Vec<f64>,
-    /// See `before`.
-    pub after: Vec<f64>,
-    /// Standard error of either, as a null would scatter.
-    pub error: Vec<f64>,
+    /// What neighbouring places of it share, in units of the noise's variance: noise shares nothing. Absent where it has no
+    /// neighbours.
+    pub shared: Option<f64>,
 }
 
 /// Parts of frames with significant mean residual (Benjamini and Hochberg at 1 %), largest first.
@@ -89,6 +77,7 @@ pub fn hot_spots(study: &Study<'_>, fit: &Fit, most: usize) -> Vec<HotSpot> {
     let mut order: Vec<usize> = (0..z.len()).filter(|&k| found[k]).collect();
     order.sort_by(|&a, &b| z[b].abs().total_cmp(&z[a].abs()).then(a.cmp(&b)));
     order.truncate(most);
+    let shares = shared_in_cells(study, &residual);
     order
         .into_iter()
         .map(|k| {
@@ -119,9 +108,33 @@ pub fn hot_spots(study: &Study<'_>, fit: &Fit, most: usize) -> Vec<HotSpot> {
                 surface_point: middle.to_array(),
                 sigma: z[k] / spread,
                 relative: cell.0 / cell.2.max(1e-12),
+                shared: shares[k],
             }
         })
         .collect()
+}
+
+/// What neighbours of one patch share in each frame, `[frame][patch]`.
+fn shared_in_cells(study: &Study<'_>, residual: &[f32]) -> Vec<Option<f64>> {
+    let seen = &study.seen;
+    let standard = |k: usize| f64::from(residual[k] / study.variance[k].sqrt());
+    let patch = |v: u32| {
+        let site = seen.views[v as usize].site as usize;
+        usize::from(seen.sites[site].place.patch)
+    };
+    let mut sums = vec![(0.0, 0u32); seen.patches * seen.frames];
+    let sites = neighbours::sites(study);
+    for pair in neighbours::views(study, &sites, |v| study.has_known_albedo(v)) {
+        let [a, b] = pair.map(patch);
+        if a == b {
+            let frame = seen.views[pair[0] as usize].frame as usize;
+            let cell = &mut sums[frame * seen.patches + a];
+            cell.0 += shared(pair, &standard);
+            cell.1 += 1;
+        }
+    }
+    let mean = |(sum, count): (f64, u32)| (count > 0).then(|| sum / f64::from(count));
+    sums.into_iter().map(mean).collect()
 }
 
 /// The part of residuals that neighbouring places of a frame share: noise does not correlate, missing physics does.
@@ -142,37 +155,10 @@ pub fn structured_energy(study: &Study<'_>, fit: &Fit) -> f64 {
 }
 
 fn of_surface(study: &Study<'_>, standard: &dyn Fn(usize) -> f64) -> f64 {
-    let reach = 2.2 * study.seen.spacing;
-    // Neighbours of each site, each pair once.
-    let sites = &study.seen.sites;
-    let (mut sum, mut count) = (0.0, 0u64);
-    for a in 0..sites.len() {
-        for b in a + 1..sites.len() {
-            let close = sites[a].point.position.distance(sites[b].point.position) < reach
-                && sites[a].point.normal.dot(sites[b].point.normal) > 0.7;
-            if !close {
-                continue;
-            }
-            let (mut i, mut j) = (study.seen.offsets[a], study.seen.offsets[b]);
-            while i < study.seen.offsets[a + 1] && j < study.seen.offsets[b + 1] {
-                let (fi, fj) = (study.seen.views[i].frame, study.seen.views[j].frame);
-                if fi == fj {
-                    if study.develops(i) && study.develops(j) {
-                        for c in 0..3 {
-                            sum += standard(3 * i + c) * standard(3 * j + c);
-                            count += 1;
-                        }
-                    }
-                    (i, j) = (i + 1, j + 1);
-                } else if fi < fj {
-                    i += 1;
-                } else {
-                    j += 1;
-                }
-            }
-        }
-    }
-    sum / count.max(1) as f64
+    let sites = neighbours::sites(study);
+    let pairs = neighbours::views(study, &sites, |v| study.develops(v));
+    let products = pairs.iter().map(|&pair| shared(pair, standard));
+    products.sum::<f64>() / pairs.len().max(1) as f64
 }
 
 fn of_background(study: &Study<'_>, standard: &dyn Fn(usize) -> f64) -> f64 {
@@ -195,114 +181,4 @@ fn of_background(study: &Study<'_>, standard: &dyn Fn(usize) -> f64) -> f64 {
         }
     }
     sum / count.max(1) as f64
-}
-
-/// Mean residuals over frames, image radius, level, facing and openness, before and after.
-pub fn axes(study: &Study<'_>, before: &Fit, after: &Fit) -> Vec<Axis> {
-    let views = &study.seen.views;
-    let typical = f64::from(before.scene(study).typical());
-    let facing = |v: usize| {
-        let view = &views[v];
-        let normal = study.seen.sites[view.site as usize].point.normal;
-        f64::from(normal.dot(study.seen.outgoing(view)))
-    };
-    let radius = |v: usize| {
-        let camera = &study.capture.frames[views[v].frame as usize].camera;
-        let [x, y] = views[v].at;
-        let (dx, dy) = (x - camera.principal[0], y - camera.principal[1]);
-        let half = 0.5 * (camera.width as f32).hypot(camera.height as f32);
-        f64::from(dx.hypot(dy) / half)
-    };
-    let level = |v: usize| {
-        let sum: f64 = (0..3).map(|c| f64::from(before.value[3 * v + c])).sum();
-        sum / (3.0 * typical)
-    };
-    let open = |v: usize| {
-        let row = study.horizon.row(&study.seen, &views[v]);
-        row.map(|(_, weight, _)| f64::from(weight)).sum::<f64>() / std::f64::consts::PI
-    };
-    let (open_name, least_open) = match study.horizon.light() {
-        Light::Environment => ("openness (1 on a convex shape)", 0.2),
-        Light::Lamps => ("facing the lamp (n·l, 0 in its shadow)", 0.0),
-    };
-    let frame = |v: usize| f64::from(views[v].frame);
-    let frames = study.seen.frames as f64 - 0.5;
-    vec![
-        axis(
-            study,
-            before,
-            after,
-            "frame",
-            study.seen.frames,
-            [-0.5, frames],
-            &frame,
-        ),
-        axis(
-            study,
-            before,
-            after,
-            "distance from the image's middle (1 in the corners)",
-            10,
-            [0.0, 0.8],
-            &radius,
-        ),
-        axis(
-            study,
-            before,
-            after,
-            "level (of the middle one)",
-            12,
-            [0.0, 3.0],
-            &level,
-        ),
-        axis(
-            study,
-            before,
-            after,
-            "facing the camera (n·v)",
-            8,
-            [0.3, 1.0],
-            &facing,
-        ),
-        axis(study, before, after, open_name, 8, [least_open, 1.0], &open),
-    ]
-}
-
-fn axis(
-    study: &Study<'_>,
-    before: &Fit,
-    after: &Fit,
-    name: &'static str,
-    bins: usize,
-    [low, high]: [f64; 2],
-    of: &dyn Fn(usize) -> f64,
-) -> Axis {
-    let (first, last) = (before.residual(study), after.residual(study));
-    let mut sums = vec![[0.0f64; 4]; bins];
-    for v in (0..study.seen.views.len()).filter(|&v| study.has_known_albedo(v)) {
-        let at = (of(v) - low) / (high - low) * bins as f64;
-        if !(0.0..bins as f64).contains(&at) {
-            continue;
-        }
-        let sum = &mut sums[at as usize];
-        for i in 3 * v..3 * v + 3 {
-            let variance = f64::from(study.variance[i]) * before.inflation;
-            let value = f64::from(before.value[i]);
-            sum[0] += f64::from(first[i]) * value / variance;
-            sum[1] += f64::from(last[i]) * value / variance;
-            sum[2] += value * value / variance;
-        }
-        sum[3] += 1.0;
-    }
-    let kept: Vec<usize> = (0..bins).filter(|&b| sums[b][3] >= 5.0).collect();
-    Axis {
-        name,
-        at: kept
-            .iter()
-            .map(|&b| low + (b as f64 + 0.5) / bins as f64 * (high - low))
-            .collect(),
-        before: kept.iter().map(|&b| sums[b][0] / sums[b][2]).collect(),
-        after: kept.iter().map(|&b| sums[b][1] / sums[b][2]).collect(),
-        error: kept.iter().map(|&b| 1.0 / sums[b][2].sqrt()).collect(),
-    }
 }

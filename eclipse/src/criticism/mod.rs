@@ -1,6 +1,8 @@
 //! Model criticism: where a simulation and its recording differ, what physics was left out, and the proof.
 
+pub mod axes;
 pub mod bounded;
+pub mod certainty;
 pub mod chain;
 pub mod compete;
 pub mod confined;
@@ -9,6 +11,7 @@ pub mod dark;
 pub mod diagnose;
 pub mod diagnosis;
 pub mod effects;
+pub mod film;
 pub mod fit;
 pub mod formation;
 pub mod frame_numbers;
@@ -21,6 +24,7 @@ pub mod linear;
 pub mod linearise;
 pub mod locate;
 pub mod maps;
+pub mod neighbours;
 pub mod nulls;
 pub mod observe;
 pub mod oracle;
@@ -34,6 +38,8 @@ pub mod scatter;
 pub mod scene;
 pub mod score;
 pub mod sealed;
+pub mod shadow_edges;
+pub mod silhouette;
 pub mod simulation;
 pub mod split;
 pub mod statistics;

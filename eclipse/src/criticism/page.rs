@@ -2,17 +2,18 @@
 
 use std::{fs, io, path::Path};
 
-use base64::{Engine, engine::general_purpose::STANDARD};
 use render::image::Image;
 
 use super::{
     diagnose::Outcome,
     diagnosis::{Diagnosis, Finding},
-    effects, maps, plot,
+    effects, film, maps,
+    plot::{self, picture},
+    silhouette,
 };
 use crate::{
     files::atomic,
-    image_io::{ImageIoError, encode_png8, linear_to_srgb, write_exr},
+    image_io::{ImageIoError, linear_to_srgb, write_exr},
     layout,
 };
 
@@ -55,6 +56,10 @@ pub fn write(folder: &Path, outcome: &Outcome<'_>) -> Result<(), PageError> {
             write_exr(&path, map, channels)?;
         }
     }
+    match &outcome.silhouettes {
+        Some(silhouettes) => silhouettes.write(folder)?,
+        None => silhouette::remove(folder)?,
+    }
     let json = serde_json::to_string_pretty(&outcome.diagnosis)?;
     put(&folder.join("diagnosis.json"), &json)?;
     put(&folder.join("diagnosis.html"), &html(outcome, &frames)?)?;
@@ -90,22 +95,29 @@ fn html(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, PageErro
     Ok(format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\n\
          <title>Diagnosis of {title}</title>\n<style>{style}</style></head><body>\n<h1>{title}: {verdict}</h1>\n\
-         <p class=\"sentence\">{sentence}</p>\n{found}{pictures}{spots}{ranking}{refits}{plots}{assumed}{others}\
+         <p class=\"sentence\">{sentence}</p>\n{exponent}{found}{film}{pictures}{spots}{ranking}{refits}{axes}{assumed}{others}\
          <footer>Written by eclipse {version}. Gains are reductions of squared error in units of the noise's variance. Sealed data: \
          one patch of surface and one frame in seven, seen by no fit.</footer></body></html>\n",
         title = escaped(&name),
         style = include_str!("page.css"),
         sentence = escaped(&d.sentence),
+        exponent = exponent(d),
         found = found(d),
+        film = film::strip(outcome)?,
         pictures = pictures(outcome, frames)?,
         spots = spots(d),
         ranking = ranking(d),
         refits = refits(d),
-        plots = d.axes.iter().map(plot::axis).collect::<String>(),
+        axes = axes(d),
         assumed = assumed(d),
         others = others(d),
         version = env!("CARGO_PKG_VERSION"),
     ))
+}
+
+fn exponent(d: &Diagnosis) -> String {
+    let said = d.shared_exponent.as_ref();
+    said.map_or(String::new(), |said| format!("<p>{}</p>\n", escaped(said)))
 }
 
 fn found(d: &Diagnosis) -> String {
@@ -204,22 +216,6 @@ fn pictures(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, Page
     ))
 }
 
-fn picture(image: &Image, of: impl Fn(&[f32]) -> [f32; 3]) -> Result<String, PageError> {
-    let mut display = Image::filled(image.width, image.height, 3, 0.0);
-    for (out, pixel) in display
-        .data
-        .chunks_exact_mut(3)
-        .zip(image.data.chunks_exact(image.channels))
-    {
-        out.copy_from_slice(&of(pixel));
-    }
-    let png = encode_png8(&display, Path::new("diagnosis.html"))?;
-    Ok(format!(
-        "<img alt=\"\" src=\"data:image/png;base64,{}\">",
-        STANDARD.encode(png)
-    ))
-}
-
 /// White at zero, red above, blue below.
 fn diverging(x: f32) -> [f32; 3] {
     let s = x.clamp(-1.0, 1.0).abs();
@@ -242,8 +238,9 @@ fn spots(d: &Diagnosis) -> String {
         .map(|s| {
             let [l, t, r, b] = s.pixels;
             let [x, y, z] = s.surface_point;
+            let shared = s.shared.map_or("–".into(), |shared| format!("{shared:+.2} σ²"));
             format!(
-                "<tr><td>{}</td><td>{l:.0}–{r:.0} × {t:.0}–{b:.0}</td><td>({x:.2}, {y:.2}, {z:.2})</td><td>{:+.1} σ</td><td>{:+.1} %</td></tr>",
+                "<tr><td>{}</td><td>{l:.0}–{r:.0} × {t:.0}–{b:.0}</td><td>({x:.2}, {y:.2}, {z:.2})</td><td>{:+.1} σ</td><td>{:+.1} %</td><td>{shared}</td></tr>",
                 s.frame,
                 s.sigma,
                 100.0 * s.relative
@@ -252,7 +249,7 @@ fn spots(d: &Diagnosis) -> String {
         .collect();
     format!(
         "<h2>Where they differ most, before</h2><table><tr><th>frame</th><th>pixels</th><th>surface</th><th>mean residual</th>\
-         <th>relative</th></tr>{rows}</table>"
+         <th>relative</th><th>shared by neighbours</th></tr>{rows}</table>"
     )
 }
 
@@ -311,6 +308,14 @@ fn refits(d: &Diagnosis) -> String {
     )
 }
 
+fn axes(d: &Diagnosis) -> String {
+    let plots: String = d.axes.iter().map(plot::axis).collect();
+    format!(
+        "<h2>Along axes that physics acts by</h2>{}{plots}",
+        plot::legend()
+    )
+}
+
 fn assumed(d: &Diagnosis) -> String {
     let all: String = d
         .assumptions
@@ -346,7 +351,8 @@ fn others(d: &Diagnosis) -> String {
     )
 }
 
-fn escaped(text: &str) -> String {
+/// Text as HTML holds it.
+pub(super) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
         .replace('>', "&gt;")

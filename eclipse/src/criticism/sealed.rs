@@ -37,8 +37,8 @@ pub struct Errors {
     cells: Vec<Cell>,
     /// Values on sealed patches and in sealed frames.
     pub counts: [usize; 2],
-    /// Sums of squared plain differences there.
-    pub squares: [f64; 2],
+    /// Sums of the noise's weights there.
+    weights: [f64; 2],
 }
 
 /// Errors of one place (a patch of surface, or of the background) in one frame.
@@ -89,16 +89,15 @@ impl Judge {
     pub fn errors(&self, study: &Study<'_>, fit: &Fit, unknown: &FrameNumbers) -> Errors {
         let mut residual = fit.residual(study);
         let mut counts = [0; 2];
-        let mut squares = [0.0; 2];
-        let plain = residual.iter().map(|&r| f64::from(r).powi(2));
-        for (k, square) in plain.enumerate() {
-            let kind = match study.role[k / 3] {
-                Role::SealedPatch => 0,
-                Role::SealedFrame => 1,
+        let mut weights = [0.0; 2];
+        for k in 0..residual.len() {
+            let (kind, precision) = match study.role[k / 3] {
+                Role::SealedPatch => (0, &self.patches),
+                Role::SealedFrame => (1, &self.frames),
                 Role::Development(_) | Role::Gutter => continue,
             };
             counts[kind] += 1;
-            squares[kind] += square;
+            weights[kind] += f64::from(precision.weight()[k]);
         }
         let mut white = residual.clone();
         self.patches.whiten(&mut white);
@@ -127,7 +126,7 @@ impl Judge {
         Errors {
             cells,
             counts,
-            squares,
+            weights,
         }
     }
 }
@@ -216,10 +215,11 @@ impl Errors {
         self.cells.iter().map(of).sum()
     }
 
-    /// Root mean square difference of the values that count.
+    /// Root mean square difference of the values that count, weighed by the noise; what the unknown texture of sealed patches may
+    /// be is no difference.
     pub fn rmse(&self, frames: bool) -> f64 {
-        let sum = self.squares[0] + if frames { self.squares[1] } else { 0.0 };
-        (sum / self.count(frames).max(1) as f64).sqrt()
+        let weights = self.weights[0] + if frames { self.weights[1] } else { 0.0 };
+        (self.chi2(frames) / weights.max(1e-300)).sqrt()
     }
 }
 

@@ -29,9 +29,19 @@ pub fn ranked(screen: &Screen) -> Vec<Ranked> {
         .collect()
 }
 
-/// Of an effect in the model `fit`.
-pub fn finding(choice: &Choice, fit: &Fit, gain: Gain) -> Finding {
+/// Of an effect in the model `fit`, whose numbers have these standard errors there.
+pub fn finding(
+    choice: &Choice,
+    fit: &Fit,
+    gain: Gain,
+    errors: &BTreeMap<&'static str, Vec<f64>>,
+) -> Finding {
     let score: &Score = &choice.score;
+    // A number that the last model no longer has keeps what screening said of it.
+    let own = errors
+        .get(score.id)
+        .filter(|own| own.len() == score.standard_error.len());
+    let error = own.unwrap_or(&score.standard_error);
     let beta = fit
         .active
         .iter()
@@ -47,13 +57,13 @@ pub fn finding(choice: &Choice, fit: &Fit, gain: Gain) -> Finding {
     };
     let mut place = BTreeMap::new();
     let strongest = (0..beta.len()).max_by(|&a, &b| {
-        let z = |k: usize| (beta[k] / score.standard_error[k].max(1e-12)).abs();
+        let z = |k: usize| (beta[k] / error[k].max(1e-12)).abs();
         z(a).total_cmp(&z(b)).then(b.cmp(&a))
     });
     if let Some(k) = strongest {
         place.insert("strongest".to_owned(), score.names[k].clone().into());
         let mut frames: Vec<u32> = (0..beta.len())
-            .filter(|&i| (beta[i] / score.standard_error[i].max(1e-12)).abs() > 4.0)
+            .filter(|&i| (beta[i] / error[i].max(1e-12)).abs() > 4.0)
             .filter_map(|i| score.frames[i])
             .collect();
         frames.dedup();
@@ -64,7 +74,7 @@ pub fn finding(choice: &Choice, fit: &Fit, gain: Gain) -> Finding {
     Finding {
         id: score.id,
         parameters: named(beta),
-        standard_errors: named(&score.standard_error),
+        standard_errors: named(error),
         sealed_gain: gain.gain,
         sealed_gain_se: gain.error,
         p_holm: choice.p_holm,
@@ -74,6 +84,27 @@ pub fn finding(choice: &Choice, fit: &Fit, gain: Gain) -> Finding {
         ambiguous_with: choice.ambiguous_with.clone(),
         place,
     }
+}
+
+/// Effects that one exponent of all values changes together: a response raises light to a power, and with it every gain of a
+/// falloff or of an exposure (Litvinov & Schechner, CVPR 2005). The response is never known here, only assumed.
+const EXPONENTIAL: [&str; 3] = ["response_curve", "vignetting", "exposure_drift"];
+
+/// Says of effects that share the exponential ambiguity what of their sizes is known, where one of them was found and another was
+/// found with it or would do as well.
+pub fn shared_exponent(found: &[Finding]) -> Option<String> {
+    let own = || found.iter().filter(|f| EXPONENTIAL.contains(&f.id));
+    let mentioned = |id: &&str| own().any(|f| f.id == *id || f.ambiguous_with.contains(id));
+    let joint: Vec<&str> = EXPONENTIAL.into_iter().filter(mentioned).collect();
+    let (last, others) = joint.split_last()?;
+    if others.is_empty() {
+        return None;
+    }
+    let list = format!("{} and {last}", others.join(", "));
+    Some(format!(
+        "Read {list} together: raising all values to one power changes each of them alike, so that their sizes are known only up to a \
+         common exponent."
+    ))
 }
 
 /// Relative change of light and albedo, RMS.
@@ -91,4 +122,49 @@ pub fn moved(before: &Fit, after: &Fit) -> BTreeMap<String, f64> {
         ),
         ("albedo".to_owned(), change(&before.albedo, &after.albedo)),
     ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(id: &'static str, ambiguous_with: Vec<&'static str>) -> Finding {
+        Finding {
+            id,
+            parameters: BTreeMap::new(),
+            standard_errors: BTreeMap::new(),
+            sealed_gain: 100.0,
+            sealed_gain_se: 10.0,
+            p_holm: 1e-6,
+            survival: 0.5,
+            size: 0.02,
+            minimum_detectable: 0.001,
+            ambiguous_with,
+            place: BTreeMap::new(),
+        }
+    }
+
+    #[test]
+    fn a_common_exponent_is_told_where_two_share_it() {
+        let told = |found: &[Finding]| shared_exponent(found);
+        assert!(told(&[]).is_none());
+        assert!(told(&[found("vignetting", vec!["medium"])]).is_none());
+        // Rivals of something else are no reason.
+        let other = found("moving_occluder", vec!["exposure_drift", "response_curve"]);
+        assert!(told(&[other]).is_none());
+        let rival = told(&[found("vignetting", vec!["medium", "response_curve"])]).unwrap();
+        assert!(
+            rival.starts_with("Read response_curve and vignetting together"),
+            "{rival}"
+        );
+        let all = [
+            found("exposure_drift", Vec::new()),
+            found("response_curve", vec!["vignetting"]),
+        ];
+        let all = told(&all).unwrap();
+        assert!(
+            all.starts_with("Read response_curve, vignetting and exposure_drift together"),
+            "{all}"
+        );
+    }
 }

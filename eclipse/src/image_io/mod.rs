@@ -7,6 +7,7 @@ mod environment;
 mod header;
 mod openexr;
 mod raster;
+mod reduce;
 
 use std::{
     io::Write,
@@ -22,6 +23,7 @@ pub use environment::{EnvironmentIoError, EnvironmentOptions, Rows, read_environ
 pub use header::{ImageSize, read_size};
 pub use openexr::{ExrFile, ExrOptions, Precision, decode_exr, encode_exr};
 pub use raster::{decode_raster, encode_png8};
+pub use reduce::{reduce, reduced_size};
 
 /// Widest or highest image that is read, in pixels.
 pub const MAX_SIDE: usize = 1 << 16;

@@ -284,11 +284,17 @@ pub fn transmittance(coefficients: &[f32], grid: LatLong, degree: usize) -> Vec<
     }
     let mut values = vec![0.0; grid.len() * frames];
     Harmonics::<f32>::new(degree, grid).synthesize(coefficients, &mut values, frames);
+    free_transmittance(&values, grid)
+}
+
+/// The masks of logits `[texel][frame]`, an image a frame.
+pub fn free_transmittance(logits: &[f32], grid: LatLong) -> Vec<Image> {
+    let frames = logits.len() / grid.len();
     let mask = |t: usize| Image {
         width: grid.columns,
         height: grid.rows,
         channels: 1,
-        data: values[t..]
+        data: logits[t..]
             .iter()
             .step_by(frames)
             .map(|x| 1.0 / (1.0 + (-x).exp()))

@@ -60,6 +60,7 @@ pub fn run(
     settings: &Settings,
     control: &Control<'_>,
 ) -> Result<Reconstruction, ReconstructError> {
+    settings.check()?;
     check_light(capture)?;
     check_memory(capture, settings)?;
     if let Some(checkpoint) = control.resume {

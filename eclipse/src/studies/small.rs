@@ -1,5 +1,5 @@
-//! Small captures that studies make for themselves: three balls that shade each other, lamps of a chosen size around them,
-//! somebody in the light or nobody.
+//! Small captures that studies make for themselves: an object that shades itself, most often three balls, lamps of a chosen size
+//! around it, somebody in the light or nobody.
 
 use std::{f32::consts::TAU, rc::Rc};
 
@@ -15,7 +15,7 @@ use crate::{
         Truth,
         materials::{Specular, TrueAlbedo},
     },
-    settings::Settings,
+    settings::{Batch, Preset, Settings},
     synthesize::{Occluders, Pattern, Scene, Shooting, synthesize},
 };
 
@@ -33,6 +33,8 @@ pub(super) const KAPPA: f32 = 0.04;
 /// What is photographed and how.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setup {
+    /// The object.
+    pub object: Object,
     /// Width of each lamp as a standard deviation, in degrees.
     pub lamp: f32,
     /// Width α of the specular lobe; `None` for a matt object.
@@ -54,6 +56,7 @@ pub struct Setup {
 impl Setup {
     /// What studies vary one thing of: in full.
     pub const BASE: Self = Self {
+        object: Object::Balls,
         lamp: 12.0,
         alpha: None,
         person: Some(1.0),
@@ -85,7 +88,7 @@ impl Setup {
     pub fn trial(&self, name: &str) -> Result<Trial, StudyError> {
         let light = lamps(self.lamp, self.scene);
         let scene = Scene {
-            mesh: balls(),
+            mesh: self.object.mesh(),
             environment: light.clone(),
             model: match self.alpha {
                 None => Model::Lambertian,
@@ -155,27 +158,153 @@ pub(super) fn settings(bench: &Bench<'_>, trial: &Trial, seed: u64) -> Settings 
     }
 }
 
+/// Iterations of the paper's algorithm on a small capture: at a glance, quick, in full. The last of a count of twenty tells the loss.
+const ITERATIONS: [u64; 3] = [2, 240, 2400];
+/// The size of each: as small as still shows most frames.
+pub(super) const BATCH: Batch = Batch {
+    pixels: 512,
+    rays: 32,
+};
+
+/// Iterations of the paper's algorithm on a small capture.
+pub(super) fn iterations(bench: &Bench<'_>) -> u64 {
+    bench.of_scale(ITERATIONS)
+}
+
+/// How small captures are reconstructed by the paper's algorithm: the same on any machine.
+pub(super) fn paper_settings(bench: &Bench<'_>, trial: &Trial, seed: u64) -> Settings {
+    Settings {
+        time_limit: None,
+        iterations: Some(iterations(bench)),
+        batch: Some(BATCH),
+        seed,
+        ..bench.settings_of(Preset::Paper, trial)
+    }
+}
+
+/// What the paper's algorithm leaves of a small capture when it ends, as a variance, over the variance of the photographs' noise:
+/// its loss is an unbiased estimate of the former.
+pub(super) fn misfit(trial: &Trial, setup: &Setup, solved: &Solved) -> f64 {
+    let (mut sum, mut count) = (0.0, 0u64);
+    for frame in &trial.capture.frames {
+        let pixels = frame.image.data.chunks_exact(3).zip(&frame.mask.data);
+        for (pixel, _) in pixels.filter(|(_, mask)| **mask > 0.999) {
+            let values = pixel.iter().map(|v| f64::from(v.max(0.0)) + 0.25);
+            sum += values.sum::<f64>();
+            count += 3;
+        }
+    }
+    let noise = f64::from(setup.noise).powi(2) * sum / count as f64;
+    solved.found.curve.last().map_or(f64::NAN, |p| p.loss) / noise
+}
+
 /// A capture, and what is recovered of it with occluders in the model where somebody is in the light; its seed is the solver's
 /// as well.
 ///
 /// # Errors
 /// A scene that cannot be rendered, a capture that cannot be reconstructed, or the caller's stop.
 pub(super) fn solve(bench: &Bench<'_>, setup: Setup) -> Result<(Trial, Solved), StudyError> {
-    let trial = setup.trial("balls")?;
+    solve_with(bench, setup, &format!("{setup:?}"), settings)
+}
+
+/// The same by the paper's algorithm with so many rays from each surface point.
+///
+/// # Errors
+/// As [`solve`].
+pub(super) fn solve_by_rays(
+    bench: &Bench<'_>,
+    setup: Setup,
+    rays: u64,
+) -> Result<(Trial, Solved), StudyError> {
+    let words = format!("{setup:?}, {rays} rays");
+    solve_with(bench, setup, &words, |bench, trial, seed| Settings {
+        batch: Some(Batch { rays, ..BATCH }),
+        ..paper_settings(bench, trial, seed)
+    })
+}
+
+fn solve_with(
+    bench: &Bench<'_>,
+    setup: Setup,
+    words: &str,
+    settings: impl Fn(&Bench<'_>, &Trial, u64) -> Settings,
+) -> Result<(Trial, Solved), StudyError> {
+    let trial = setup.trial(setup.object.name())?;
     let settings = Settings {
         occluders: setup.person.is_some(),
         ..settings(bench, &trial, setup.seed)
     };
-    let solved = bench.reconstructed(&trial, &format!("{setup:?}"), &settings)?;
+    let solved = bench.reconstructed(&trial, words, &settings)?;
     Ok((trial, solved))
 }
 
-/// Three balls of different sizes that touch.
-fn balls() -> Mesh {
-    let mut mesh = Mesh::default();
-    mesh.append(&Mesh::sphere(Vec3::new(-0.42, 0.0, -0.1), 0.5, 32));
-    mesh.append(&Mesh::sphere(Vec3::new(0.4, 0.15, 0.0), 0.38, 32));
-    mesh.append(&Mesh::sphere(Vec3::new(0.05, -0.25, 0.5), 0.3, 32));
+/// What is photographed, in one material.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Object {
+    /// Three balls of different sizes that touch.
+    Balls,
+    /// A body with a head and two arms.
+    Figure,
+    /// A flat cap on a stem.
+    Mushroom,
+    /// Balls on a ring, upright.
+    Wreath,
+}
+
+impl Object {
+    /// Each of them.
+    pub const ALL: [Self; 4] = [Self::Balls, Self::Figure, Self::Mushroom, Self::Wreath];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Balls => "balls",
+            Self::Figure => "figure",
+            Self::Mushroom => "mushroom",
+            Self::Wreath => "wreath",
+        }
+    }
+
+    fn mesh(self) -> Mesh {
+        let part = |[x, y, z]: [f32; 3], radii: [f32; 3]| {
+            ellipsoid(Vec3::new(x, y, z), Vec3::from_array(radii))
+        };
+        let parts: Vec<Mesh> = match self {
+            Self::Balls => vec![
+                Mesh::sphere(Vec3::new(-0.42, 0.0, -0.1), 0.5, 32),
+                Mesh::sphere(Vec3::new(0.4, 0.15, 0.0), 0.38, 32),
+                Mesh::sphere(Vec3::new(0.05, -0.25, 0.5), 0.3, 32),
+            ],
+            Self::Figure => vec![
+                part([0.0, 0.0, -0.2], [0.38, 0.28, 0.6]),
+                part([0.0, 0.0, 0.62], [0.25, 0.25, 0.28]),
+                part([-0.5, 0.05, 0.0], [0.14, 0.16, 0.42]),
+                part([0.5, -0.05, 0.0], [0.14, 0.16, 0.42]),
+            ],
+            Self::Mushroom => vec![
+                part([0.0, 0.0, -0.25], [0.26, 0.22, 0.6]),
+                part([0.05, 0.0, 0.35], [0.75, 0.65, 0.28]),
+            ],
+            Self::Wreath => (0..8)
+                .map(|k| {
+                    let (sin, cos) = (k as f32 * TAU / 8.0).sin_cos();
+                    Mesh::sphere(Vec3::new(0.7 * cos, 0.2 * sin, 0.7 * sin), 0.28, 20)
+                })
+                .collect(),
+        };
+        let mut mesh = Mesh::default();
+        parts.iter().for_each(|part| mesh.append(part));
+        mesh
+    }
+}
+
+/// A ball that is stretched along the axes.
+fn ellipsoid(centre: Vec3, radii: Vec3) -> Mesh {
+    let mut mesh = Mesh::sphere(Vec3::ZERO, 1.0, 32);
+    for (position, normal) in mesh.positions.iter_mut().zip(&mut mesh.normals) {
+        *position = centre + radii * *position;
+        *normal = (*normal / radii).normalize();
+    }
     mesh
 }
 
@@ -223,6 +352,26 @@ pub fn lamps(width: f32, seed: u64) -> Image {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn objects_can_be_rendered_and_are_wound_as_balls_are() {
+        let ball = Mesh::sphere(Vec3::ZERO, 1.0, 32);
+        let wound = ball
+            .face_normal(40)
+            .dot(ball.normals[ball.faces[40][0] as usize]);
+        for object in Object::ALL {
+            let mesh = object.mesh();
+            mesh.validate().unwrap();
+            assert!(mesh.bounding_radius() < 1.3, "{object:?}");
+            assert!(mesh.normals.iter().all(|n| (n.length() - 1.0).abs() < 1e-4));
+            for face in 0..mesh.faces.len() {
+                let normal = mesh.face_normal(face);
+                let vertex = mesh.normals[mesh.faces[face][0] as usize];
+                let outwards = wound.signum() * normal.dot(vertex);
+                assert!(outwards > 0.5, "{object:?}, face {face}: {outwards}");
+            }
+        }
+    }
 
     #[test]
     fn lamps_are_as_bright_together_whatever_their_width() {

@@ -8,13 +8,15 @@ use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
     evidence::{Axis, Chart, Content, Figure, Series, listed, seeds},
-    small::{Setup, solve, steps},
+    small::{BATCH, Setup, iterations, misfit, solve, solve_by_rays, steps},
 };
 use crate::report::text::number;
 
 /// Names of the sweeps whose trends are a part of the claim.
 const LAMPS: &str = "lamps";
 const PERSON: &str = "person";
+/// Where so much more of the photographs is left than their noise, a solve by the paper's algorithm was cut short.
+const CUT_SHORT: f64 = 2.0;
 
 /// The study.
 pub(super) struct Sweeps;
@@ -36,14 +38,28 @@ struct Sweep {
     name: &'static str,
     label: &'static str,
     logarithmic: bool,
-    points: Vec<(f64, Setup)>,
+    points: Vec<(f64, Case)>,
+}
+
+/// A capture, and how it is solved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Case {
+    setup: Setup,
+    /// By the paper's algorithm with so many rays from each surface point; `None` for the fast preset.
+    rays: Option<u64>,
+}
+
+impl From<Setup> for Case {
+    fn from(setup: Setup) -> Self {
+        Self { setup, rays: None }
+    }
 }
 
 /// What is varied, and over which values: at a glance, quick, and in full. Quick ones have a third value where a part of the
 /// claim is about a trend.
 fn sweeps(bench: &Bench<'_>) -> Vec<Sweep> {
     let base = Setup::of(bench.scale);
-    let sweep = |name, label, logarithmic, values: [&[f32]; 3], set: &dyn Fn(f32) -> Setup| Sweep {
+    let sweep = |name, label, logarithmic, values: [&[f32]; 3], set: &dyn Fn(f32) -> Case| Sweep {
         name,
         label,
         logarithmic,
@@ -63,16 +79,19 @@ fn sweeps(bench: &Bench<'_>) -> Vec<Sweep> {
                 &[5.0, 12.0, 30.0],
                 &[4.0, 7.0, 12.0, 20.0, 30.0, 45.0],
             ],
-            &|lamp| Setup { lamp, ..base },
+            &|lamp| Setup { lamp, ..base }.into(),
         ),
         sweep(
             "roughness",
             "roughness α; 1 is matt",
             false,
             [&[0.2, 1.0], &[0.2, 1.0], &[0.1, 0.2, 0.35, 0.5, 0.7, 1.0]],
-            &|alpha| Setup {
-                alpha: (alpha < 1.0).then_some(alpha),
-                ..base
+            &|alpha| {
+                Setup {
+                    alpha: (alpha < 1.0).then_some(alpha),
+                    ..base
+                }
+                .into()
             },
         ),
         sweep(
@@ -84,9 +103,12 @@ fn sweeps(bench: &Bench<'_>) -> Vec<Sweep> {
                 &[0.5, 1.0, 1.6],
                 &[0.3, 0.5, 0.75, 1.0, 1.3, 1.6],
             ],
-            &|person| Setup {
-                person: Some(person),
-                ..base
+            &|person| {
+                Setup {
+                    person: Some(person),
+                    ..base
+                }
+                .into()
             },
         ),
         sweep(
@@ -94,9 +116,12 @@ fn sweeps(bench: &Bench<'_>) -> Vec<Sweep> {
             "photographs",
             false,
             [&[6.0], &[8.0, 16.0], &[4.0, 8.0, 16.0, 32.0, 64.0, 96.0]],
-            &|frames| Setup {
-                frames: frames as usize,
-                ..base
+            &|frames| {
+                Setup {
+                    frames: frames as usize,
+                    ..base
+                }
+                .into()
             },
         ),
         sweep(
@@ -108,41 +133,67 @@ fn sweeps(bench: &Bench<'_>) -> Vec<Sweep> {
                 &[0.005, 0.05],
                 &[0.001, 0.002, 0.005, 0.01, 0.02, 0.05],
             ],
-            &|noise| Setup { noise, ..base },
+            &|noise| Setup { noise, ..base }.into(),
+        ),
+        sweep(
+            "rays",
+            "secondary rays of the paper's algorithm",
+            true,
+            [&[4.0], &[4.0, 64.0], &[4.0, 8.0, 16.0, 64.0, 256.0]],
+            &|rays| Case {
+                setup: base,
+                rays: Some(rays as u64),
+            },
         ),
     ]
 }
 
-/// Relative squared errors of light for setups that have been solved.
+/// What was found of cases that have been solved.
 #[derive(Default)]
-struct Found(Vec<(Setup, f64)>);
+struct Found(Vec<(Case, Outcome)>);
+
+/// How a solve ended.
+#[derive(Clone, Copy, Debug, Default)]
+struct Outcome {
+    /// Relative squared error of light.
+    error: f64,
+    /// Of the paper's algorithm, see [`misfit`].
+    misfit: Option<f64>,
+}
 
 impl Found {
     /// With somebody in the light and with nobody, a seed each.
-    fn of(&mut self, bench: &Bench<'_>, setup: Setup) -> Result<Vec<[f64; 2]>, StudyError> {
+    fn of(&mut self, bench: &Bench<'_>, case: Case) -> Result<Vec<[Outcome; 2]>, StudyError> {
         bench.each(bench.seeds(), |seed| {
             let somebody = Setup {
                 scene: seed,
                 seed,
-                ..setup
+                ..case.setup
             };
             let nobody = Setup {
                 person: None,
                 ..somebody
             };
-            Ok([self.error(bench, somebody)?, self.error(bench, nobody)?])
+            let mut of = |setup| self.outcome(bench, Case { setup, ..case });
+            Ok([of(somebody)?, of(nobody)?])
         })
     }
 
-    fn error(&mut self, bench: &Bench<'_>, setup: Setup) -> Result<f64, StudyError> {
-        if let Some((_, error)) = self.0.iter().find(|(known, _)| *known == setup) {
-            return Ok(*error);
+    fn outcome(&mut self, bench: &Bench<'_>, case: Case) -> Result<Outcome, StudyError> {
+        if let Some((_, outcome)) = self.0.iter().find(|(known, _)| *known == case) {
+            return Ok(*outcome);
         }
-        let (_, solved) = solve(bench, setup)?;
+        let (trial, solved) = match case.rays {
+            None => solve(bench, case.setup)?,
+            Some(rays) => solve_by_rays(bench, case.setup, rays)?,
+        };
         let error = solved.scores.environment.texels.relative_mse_aligned;
-        let error = error.unwrap_or(f64::NAN);
-        self.0.push((setup, error));
-        Ok(error)
+        let outcome = Outcome {
+            error: error.unwrap_or(f64::NAN),
+            misfit: case.rays.map(|_| misfit(&trial, &case.setup, &solved)),
+        };
+        self.0.push((case, outcome));
+        Ok(outcome)
     }
 }
 
@@ -151,15 +202,28 @@ struct Curve {
     sweep: Sweep,
     /// `[value][seed]`: with somebody in the light and with nobody.
     errors: Vec<Vec<[f64; 2]>>,
+    /// Mean misfit of the solves with somebody in the light, where the paper's algorithm made them.
+    misfit: Option<f64>,
 }
 
 impl Curve {
     fn new(bench: &Bench<'_>, mut sweep: Sweep, found: &mut Found) -> Result<Self, StudyError> {
-        let setups = sweep.points.iter();
-        let errors = bench.each(setups, |(_, setup)| found.of(bench, *setup))?;
+        let cases = sweep.points.iter();
+        let outcomes = bench.each(cases, |(_, case)| found.of(bench, *case))?;
         // After a stop only those that were solved.
-        sweep.points.truncate(errors.len());
-        Ok(Self { errors, sweep })
+        sweep.points.truncate(outcomes.len());
+        let all = outcomes.iter().flatten();
+        let misfits: Vec<f64> = all.filter_map(|pair| pair[0].misfit).collect();
+        let errors = outcomes.iter().map(|seeds| {
+            let pairs = seeds.iter().map(|pair| pair.map(|outcome| outcome.error));
+            pairs.collect()
+        });
+        Ok(Self {
+            errors: errors.collect(),
+            misfit: (!misfits.is_empty())
+                .then(|| misfits.iter().sum::<f64>() / misfits.len() as f64),
+            sweep,
+        })
     }
 
     /// Means over seeds.
@@ -179,6 +243,18 @@ impl Curve {
             .collect()
     }
 
+    /// What was measured that explains no help, of the paper's algorithm.
+    fn why(&self) -> String {
+        match self.misfit {
+            None => String::new(),
+            Some(misfit) if misfit > CUT_SHORT => format!(
+                "; solves ended with {} times the variance of the noise left, so that their iterations were too few",
+                number(misfit)
+            ),
+            Some(_) => "; photographs were explained, and the cause was not found".to_owned(),
+        }
+    }
+
     fn sentence(&self) -> String {
         let ends = |which: usize| {
             let means = self.means(which);
@@ -187,7 +263,11 @@ impl Curve {
         let helpless = self.helpless();
         let but = match helpless.is_empty() {
             true => " (better in every seed: held)".to_owned(),
-            false => format!(" (no help in some seed at {}: not held)", listed(&helpless)),
+            false => format!(
+                " (no help in some seed at {}: not held{})",
+                listed(&helpless),
+                self.why()
+            ),
         };
         let points = &self.sweep.points;
         format!(
@@ -270,7 +350,7 @@ fn evidence(bench: &Bench<'_>, curves: &[Curve]) -> Evidence {
     let numbers: Map<String, Value> = curves
         .iter()
         .map(|curve| {
-            let of = |((value, _), pairs): (&(f64, Setup), &Vec<[f64; 2]>)| {
+            let of = |((value, _), pairs): (&(f64, Case), &Vec<[f64; 2]>)| {
                 let list = |which: usize| pairs.iter().map(|p| p[which]).collect::<Vec<_>>();
                 (
                     number(*value),
@@ -278,16 +358,19 @@ fn evidence(bench: &Bench<'_>, curves: &[Curve]) -> Evidence {
                 )
             };
             let points = curve.sweep.points.iter().zip(&curve.errors);
-            let table: Map<String, Value> = points.map(of).collect();
+            let mut table: Map<String, Value> = points.map(of).collect();
+            if let Some(misfit) = curve.misfit {
+                table.insert("misfit".to_owned(), json!(misfit));
+            }
             (curve.sweep.name.to_owned(), Value::Object(table))
         })
         .collect();
     Evidence {
         name: "sweeps",
-        title: "Light, material, occluder, photographs and noise, one at a time",
+        title: "Light, material, occluder, photographs, noise and rays, one at a time",
         source: "Verbin et al. 2024, Fig. 9 and S3",
-        claim: "Over the frequency of light, roughness, the occluder's size, the number of images and their noise, light is recovered \
-                better with an unseen occluder that is modelled than without one in the scene; larger occluders help more; and the gain \
+        claim: "Over the frequency of light, roughness, the occluder's size, the number of images, their noise and the number of \
+                secondary rays, light is recovered better with an unseen occluder that is modelled than without one in the scene; larger occluders help more; and the gain \
                 grows with the light's frequency.",
         verdict: Verdict::of(&held),
         sentence: format!("relative squared error of the light {}.", sentences.join("; ")),
@@ -298,9 +381,13 @@ fn evidence(bench: &Bench<'_>, curves: &[Curve]) -> Evidence {
             "Somebody is no help where nobody in the light is as good in any seed. A trend holds where it does between the ends of \
              its sweep in every seed. The gain from somebody in the light is the share of the error that they take away."
                 .into(),
-            "The paper also varies secondary rays of its Monte Carlo estimate; the fast preset integrates by quadrature and has none. \
-             Its occluders are masks on a sphere, as these are."
-                .into(),
+            format!(
+                "The fast preset integrates by quadrature and has no secondary rays: over their number the paper's algorithm is compared \
+                 with itself, in {} iterations of {} pixels each. Misfit: the variance of what it leaves of the photographs over that of \
+                 their noise. The paper's occluders are masks on a sphere, as these are.",
+                iterations(bench),
+                BATCH.pixels
+            ),
         ],
     }
 }
@@ -309,7 +396,7 @@ fn conditions(bench: &Bench<'_>) -> String {
     let base = Setup::of(bench.scale);
     format!(
         "Three balls under six lamps of {}° (standard deviation), matt, {} photographs of {} x {} pixels, noise {}, a person of usual \
-         height, unless varied; {} for lamps, noise and solver alike. The fast preset, {} steps: its coarse stage, so that no error \
+         height, unless varied; {} for lamps, noise and solver alike. The fast preset but for secondary rays, {} steps: its coarse stage, so that no error \
          falls below what texels of 7° can represent. Errors after the best scale of each channel.",
         base.lamp,
         base.frames,
@@ -361,7 +448,7 @@ mod tests {
 
     /// A curve of two seeds that was measured at these values.
     fn curve(name: &'static str, errors: &[(f64, [[f64; 2]; 2])]) -> Curve {
-        let points = errors.iter().map(|(value, _)| (*value, Setup::BASE));
+        let points = errors.iter().map(|(value, _)| (*value, Setup::BASE.into()));
         Curve {
             sweep: Sweep {
                 name,
@@ -370,6 +457,7 @@ mod tests {
                 points: points.collect(),
             },
             errors: errors.iter().map(|(_, seeds)| seeds.to_vec()).collect(),
+            misfit: None,
         }
     }
 
@@ -385,6 +473,26 @@ mod tests {
         );
         assert_eq!(broken.helpless(), [2.0]);
         assert!(broken.sentence().contains("at 2: not held"));
+    }
+
+    #[test]
+    fn where_rays_are_no_help_the_misfit_tells_why() {
+        let with = |error: f64, misfit: f64| Curve {
+            misfit: Some(misfit),
+            ..curve("rays", &[(4.0, [[error, 0.5]; 2]), (64.0, [[0.3, 0.5]; 2])])
+        };
+        let held = with(0.4, 30.0).sentence();
+        assert!(
+            held.contains("held)") && !held.contains("too few"),
+            "{held}"
+        );
+        let short = with(0.6, 30.0).sentence();
+        assert!(
+            short.contains("at 4: not held; solves ended with 30"),
+            "{short}"
+        );
+        let unknown = with(0.6, 1.2).sentence();
+        assert!(unknown.contains("the cause was not found"), "{unknown}");
     }
 
     #[test]

@@ -1,26 +1,26 @@
 //! Whether standard deviations are of the size of errors: against the spread over draws of noise and seeds, and the truth.
 
-use render::image::Image;
-use serde_json::json;
+mod spread;
 
+use render::{image::Image, lat_long::LatLong};
+use serde_json::{Map, Value, json};
+
+use self::spread::{HONEST, Spread, Values};
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
     evidence::{Axis, Chart, Content, Figure, Picture, Series, Tone},
-    ranks::rank_correlation,
     small::{Setup, settings, steps},
     trial::{Solved, Trial},
 };
-use crate::report::text::number;
+use crate::{reconstruction::Uncertainty, report::text::number};
 
 /// Draws of noise, and seeds of the solver with them: at a glance, quick, in full.
 const DRAWS: [u64; 3] = [2, 5, 12];
-/// Errors are of the size of deviations when their ratio lies between this and one over it.
-const HONEST: f64 = 0.5;
-/// Where deviations are large errors should be: least rank correlation over directions.
-const CORRELATED: f64 = 0.4;
 /// Where so many times as many numbers may be known as were found to be, solves were too short for their deviations.
 const UNFINISHED: f64 = 1.5;
+/// Most dots of a figure.
+const DOTS: usize = 2000;
 
 /// The study.
 pub(super) struct Uncertain;
@@ -31,7 +31,7 @@ impl Study for Uncertain {
     }
 
     fn run(&self, bench: &Bench<'_>) -> Result<Evidence, StudyError> {
-        let mut light = None;
+        let mut first = None;
         let draws = bench.each(0..bench.of_scale(DRAWS), |seed| {
             let trial = Setup {
                 seed,
@@ -41,14 +41,15 @@ impl Study for Uncertain {
             let settings = settings(bench, &trial, seed);
             let solved = bench.reconstructed(&trial, &format!("draw {seed}"), &settings)?;
             let draw = Draw::new(&trial, &solved)?;
-            light.get_or_insert(trial.light);
+            // Noise differs from draw to draw, the truth does not.
+            first.get_or_insert(trial);
             Ok(draw)
         })?;
         // One draw has no spread.
-        match light {
-            Some(light) if draws.len() > 1 => {
-                let spread = Spread::new(&light, &draws);
-                Ok(evidence(bench, &spread, &draws))
+        match first {
+            Some(trial) if draws.len() > 1 => {
+                let quantities = Quantity::all(&trial, &draws);
+                Ok(evidence(bench, &quantities, &draws))
             }
             _ => Err(bench.nothing("at least two draws")),
         }
@@ -57,12 +58,11 @@ impl Study for Uncertain {
 
 /// One draw of noise and what came of it, in the truth's scale.
 struct Draw {
-    light: Image,
-    deviation: Image,
-    albedo_error: f64,
-    albedo_deviation: f64,
-    mask_error: f64,
-    mask_deviation: f64,
+    light: Values,
+    /// Through all cameras, one after the other.
+    albedo: Values,
+    /// Of all frames, one after the other.
+    masks: Values,
     /// Share of the solve's time.
     cost: f64,
     /// Numbers known from the photographs: found to be, and at most.
@@ -73,159 +73,149 @@ impl Draw {
     fn new(trial: &Trial, solved: &Solved) -> Result<Self, StudyError> {
         let doubt = solved.found.uncertainty.as_ref();
         let doubt = doubt.ok_or(StudyError::Nothing("standard deviations"))?;
-        let mut deviation = doubt.environment.clone();
-        for (i, value) in deviation.data.iter_mut().enumerate() {
-            *value *= solved.scale[i % 3] as f32;
-        }
         let solving = solved.found.curve.last().map_or(f64::NAN, |p| p.seconds);
-        let mask = |expected: &Option<f64>| expected.map(|e| e * e);
-        let masks: Vec<f64> = doubt.summary.occluders.iter().filter_map(mask).collect();
-        Ok(Self {
-            light: solved.light(),
-            deviation,
-            albedo_error: 10f64.powf(-solved.albedo() / 20.0),
-            albedo_deviation: doubt.summary.albedo / mean(&solved.scale),
-            mask_error: mask_rms(trial, solved),
-            mask_deviation: mean(&masks).sqrt(),
+        let scaled = |image: &Image, scale: fn(f64) -> f64| -> Vec<f32> {
+            let values = image.data.iter().enumerate();
+            values
+                .map(|(i, value)| value * scale(solved.scale[i % 3]) as f32)
+                .collect()
+        };
+        let draw = Self {
+            light: Values {
+                found: solved.light().data,
+                deviation: scaled(&doubt.environment, |scale| scale),
+            },
+            albedo: Values {
+                found: (0..trial.capture.frames.len())
+                    .flat_map(|frame| solved.albedo_through(frame).data)
+                    .collect(),
+                deviation: doubt
+                    .albedo
+                    .iter()
+                    .flat_map(|image| scaled(image, |scale| 1.0 / scale.max(1e-12)))
+                    .collect(),
+            },
+            masks: masks(trial, solved, doubt),
             cost: doubt.summary.seconds / solving,
             known: [doubt.summary.known, doubt.summary.known_at_most],
-        })
+        };
+        let whole = [&draw.light, &draw.albedo, &draw.masks]
+            .iter()
+            .all(|values| values.found.len() == values.deviation.len());
+        match whole {
+            true => Ok(draw),
+            false => Err(StudyError::Nothing("standard deviations of every value")),
+        }
     }
 }
 
-/// RMS error of the masks over frames and directions, weighted by true light and solid angle.
-fn mask_rms(trial: &Trial, solved: &Solved) -> f64 {
-    let Some(truth) = &trial.truth.occluders else {
-        return f64::NAN;
+/// Masks and their deviations; where none were found light passes for certain.
+fn masks(trial: &Trial, solved: &Solved, doubt: &Uncertainty) -> Values {
+    let joined = |images: &[Image], none: f32| match images.is_empty() {
+        true => vec![none; trial.capture.frames.len() * trial.light.width * trial.light.height],
+        false => images.iter().flat_map(|i| &i.data).copied().collect(),
     };
-    let (mut sum, mut all) = (0.0, 0.0);
-    for (found, truth) in solved.found.occluders.iter().zip(truth) {
-        for (texel, (a, b)) in found.data.iter().zip(&truth.data).enumerate() {
-            let v = ((texel / truth.width) as f64 + 0.5) / truth.height as f64;
-            let light: f32 = trial.light.data[3 * texel..3 * texel + 3].iter().sum();
-            let weight = (std::f64::consts::PI * v).sin() * f64::from(light);
-            sum += weight * f64::from(a - b).powi(2);
-            all += weight;
-        }
+    Values {
+        found: joined(&solved.found.occluders, 1.0),
+        deviation: joined(&doubt.occluders, 0.0),
     }
-    (sum / all).sqrt()
+}
+
+/// What deviations are of, and how a part of it is shown.
+struct Quantity {
+    spread: Spread,
+    /// Width, height and channels of the first image.
+    shape: [usize; 3],
+    /// What that shows.
+    shown: &'static str,
+}
+
+impl Quantity {
+    /// Light, albedo and masks.
+    fn all(trial: &Trial, draws: &[Draw]) -> [Self; 3] {
+        let light = &trial.light;
+        let grid = LatLong::new(light.height, light.width);
+        let of = |of: fn(&Draw) -> &Values| draws.iter().map(of).collect::<Vec<_>>();
+
+        let albedo: Vec<f32> = trial
+            .truth
+            .albedo
+            .iter()
+            .flat_map(|truth| &truth.albedo.data)
+            .copied()
+            .collect();
+        let object = trial.truth.albedo.iter().flat_map(|truth| &truth.object);
+        let object = object.flat_map(|&object| [f64::from(u8::from(object)); 3]);
+
+        let masks = trial.truth.occluders.as_deref().unwrap_or_default();
+        let dark = light.data.chunks_exact(3).enumerate().map(|(texel, rgb)| {
+            f64::from(grid.solid_angle(texel / grid.columns) * rgb.iter().sum::<f32>())
+        });
+        let dark: Vec<f64> = dark.collect();
+        let blocked = masks.iter().flat_map(|mask| &mask.data).copied();
+        let frame = trial.truth.albedo.first().map(|truth| &truth.albedo);
+        let frame = frame.map_or([0, 0, 3], |image| [image.width, image.height, 3]);
+        [
+            Self {
+                spread: Spread::new(
+                    "light",
+                    &light.data,
+                    vec![1.0; light.data.len()],
+                    &of(|d| &d.light),
+                ),
+                shape: [light.width, light.height, 3],
+                shown: "the map of light",
+            },
+            Self {
+                spread: Spread::new("albedo", &albedo, object.collect(), &of(|d| &d.albedo)),
+                shape: frame,
+                shown: "the first photograph's albedo",
+            },
+            Self {
+                spread: Spread::new(
+                    "masks",
+                    &blocked.collect::<Vec<_>>(),
+                    dark.repeat(masks.len()),
+                    &of(|d| &d.masks),
+                ),
+                shape: [light.width, light.height, 1],
+                shown: "the first photograph's mask",
+            },
+        ]
+    }
 }
 
 fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// Per value of the map of light, over all draws.
-struct Spread {
-    /// Root mean square of the predicted deviation.
-    predicted: Vec<f64>,
-    /// Deviation of the draws from their mean.
-    between: Vec<f64>,
-    /// Root mean square of the error.
-    error: Vec<f64>,
-    /// Shares of errors within one and two deviations.
-    within: [f64; 2],
-}
-
-impl Spread {
-    fn new(truth: &Image, draws: &[Draw]) -> Self {
-        let n = draws.len() as f64;
-        let mut within = [0.0; 2];
-        let mut spread = Self {
-            predicted: Vec::new(),
-            between: Vec::new(),
-            error: Vec::new(),
-            within,
-        };
-        for (i, truth) in truth.data.iter().enumerate() {
-            let values: Vec<f64> = draws.iter().map(|d| d.light.data[i].into()).collect();
-            let deviations = || draws.iter().map(|d| f64::from(d.deviation.data[i]));
-            let centre = mean(&values);
-            let rms = |sum: f64| sum.sqrt();
-            let squares: f64 = values.iter().map(|v| (v - centre).powi(2)).sum();
-            spread.between.push(rms(squares / (n - 1.0)));
-            let errors = || values.iter().map(|v| v - f64::from(*truth));
-            spread
-                .error
-                .push(rms(errors().map(|e| e * e).sum::<f64>() / n));
-            spread
-                .predicted
-                .push(rms(deviations().map(|d| d * d).sum::<f64>() / n));
-            for (error, deviation) in errors().zip(deviations()) {
-                (0..2).for_each(|k| {
-                    let reach = (k + 1) as f64 * deviation;
-                    within[k] += f64::from(u8::from(error.abs() <= reach));
-                });
-            }
-        }
-        spread.within = within.map(|count| count / (n * truth.data.len() as f64));
-        spread
-    }
-
-    fn ratio(of: &[f64], to: &[f64]) -> f64 {
-        let square = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>();
-        (square(of) / square(to)).sqrt()
-    }
-}
-
-fn evidence(bench: &Bench<'_>, spread: &Spread, draws: &[Draw]) -> Evidence {
-    let noise = Spread::ratio(&spread.between, &spread.predicted);
-    let light = Spread::ratio(&spread.error, &spread.predicted);
+fn evidence(bench: &Bench<'_>, quantities: &[Quantity; 3], draws: &[Draw]) -> Evidence {
     let over = |of: &dyn Fn(&Draw) -> f64| mean(&draws.iter().map(of).collect::<Vec<_>>());
-    let albedo = over(&|d| d.albedo_error) / over(&|d| d.albedo_deviation);
-    let masks = over(&|d| d.mask_error) / over(&|d| d.mask_deviation);
-    let pairs = |of: &[f64]| -> Vec<[f64; 2]> {
-        let pairs = spread.predicted.iter().zip(of);
-        pairs.map(|(x, y)| [*x, *y]).collect()
-    };
-    let correlation = rank_correlation(&pairs(&spread.error));
-    let between = rank_correlation(&pairs(&spread.between));
     let cost = over(&|d| d.cost);
-    let parts = [
-        honest(light),
-        honest(albedo),
-        honest(masks),
-        correlation > CORRELATED,
-    ];
     let known = [over(&|d| d.known[0]), over(&|d| d.known[1])];
-    let why = why([light, albedo, masks], correlation, known);
+    let spreads = || quantities.iter().map(|quantity| &quantity.spread);
+    let parts: Vec<bool> = spreads().flat_map(Spread::parts).collect();
+    let words: Vec<String> = spreads().map(Spread::words).collect();
+    let failures: Vec<String> = spreads().flat_map(Spread::failures).collect();
+    let smaller = spreads().any(|spread| spread.size() < HONEST);
     let setup = Setup::of(bench.scale);
     Evidence {
         name: "uncertainty",
         title: "Standard deviations against errors",
         source: "Beyond the paper",
-        claim: "What a reconstruction says of its own errors is of their size, and large where they are.",
+        claim: "What a reconstruction says of its own errors, of light, albedo and masks, is of their size, is no less than what another \
+                draw of noise changes, and is large where they are.",
         verdict: Verdict::of(&parts),
         sentence: format!(
-            "over {} draws of noise and seeds errors of the light are {} of what was predicted (RMS), of the albedo {}, of the masks \
-             {}; {} % and {} % of errors lie within one and two deviations (68 and 95 for a normal distribution); the rank \
-             correlation of errors and deviations over directions is {}; noise and seeds alone spread by {} of the prediction; it \
-             took {} % of the solve's time.{why}",
+            "over {} draws of noise and seeds: {}; for a normal distribution 68 and 95 % lie within one and two deviations; they took {} \
+             % of the solve's time.{}",
             draws.len(),
-            number(light),
-            number(albedo),
-            number(masks),
-            number(100.0 * spread.within[0]),
-            number(100.0 * spread.within[1]),
-            number(correlation),
-            number(noise),
+            words.join("; "),
             number(100.0 * cost),
+            why(&failures, smaller, known)
         ),
-        numbers: json!({
-            "draws": draws.len(),
-            "light_error_over_predicted": light,
-            "light_spread_over_predicted": noise,
-            "albedo_error_over_predicted": albedo,
-            "mask_error_over_predicted": masks,
-            "within_one_deviation": spread.within[0],
-            "within_two_deviations": spread.within[1],
-            "rank_correlation_of_error": correlation,
-            "rank_correlation_of_spread": between,
-            "share_of_solve_time": cost,
-            "known_numbers": known[0],
-            "known_numbers_at_most": known[1],
-        }),
-        figures: figures(spread, draws),
+        numbers: numbers(spreads(), draws.len(), cost, known),
+        figures: quantities.iter().flat_map(figures).collect(),
         notes: vec![
             format!(
                 "Three balls, matt, {} photographs of {} x {} pixels with somebody in the light, {} steps of the fast preset; the \
@@ -237,45 +227,47 @@ fn evidence(bench: &Bench<'_>, spread: &Spread, draws: &[Draw]) -> Evidence {
                 steps(bench)
             ),
             "Laplace's approximation at the solve's end: covariance (1 + A)⁻¹ in units of the prior, A by Lanczos' iteration on the \
-             tape's products. Light is compared in the truth's scale, one factor a channel; deviations include what is not known of \
-             that factor."
+             tape's products. Light and albedo are compared in the truth's scale, one factor a channel; deviations include what is not \
+             known of that factor. Directions count alike for the light; for masks by the true light from them and their solid angle; \
+             for the albedo every pixel that the object covers wholly. Ranks are those of values of which some deviation is predicted."
                 .into(),
         ],
     }
 }
 
-/// Whether errors are of the size of deviations.
-fn honest(ratio: f64) -> bool {
-    (HONEST..=1.0 / HONEST).contains(&ratio)
-}
-
-/// What failed, by the ratios of errors and deviations of light, albedo and masks, and what was measured that explains it.
-fn why(ratios: [f64; 3], correlation: f64, known: [f64; 2]) -> String {
-    let mut not = Vec::new();
-    for (what, ratio) in ["light", "albedo", "masks"].into_iter().zip(ratios) {
-        if !honest(ratio) {
-            let size = if ratio < HONEST {
-                "less than half of"
-            } else if ratio > 1.0 / HONEST {
-                "more than twice"
-            } else {
-                "not comparable with"
-            };
-            not.push(format!(
-                "errors of the {what} are {size} what was predicted"
-            ));
+fn numbers<'a>(
+    spreads: impl Iterator<Item = &'a Spread>,
+    draws: usize,
+    cost: f64,
+    known: [f64; 2],
+) -> Value {
+    let mut numbers = Map::new();
+    numbers.insert("draws".into(), json!(draws));
+    for spread in spreads {
+        for (what, value) in [
+            ("error_over_predicted", spread.size()),
+            ("spread_over_predicted", spread.noise()),
+            ("within_one_deviation", spread.within[0]),
+            ("within_two_deviations", spread.within[1]),
+            ("rank_correlation_of_error", spread.place()),
+            ("rank_correlation_of_spread", spread.place_of_noise()),
+        ] {
+            numbers.insert(format!("{}_{what}", spread.name), json!(value));
         }
     }
-    let placed = correlation > CORRELATED;
-    if !placed {
-        not.push("errors of the light are not where deviations are large".to_owned());
-    }
-    if not.is_empty() {
+    numbers.insert("share_of_solve_time".into(), json!(cost));
+    numbers.insert("known_numbers".into(), json!(known[0]));
+    numbers.insert("known_numbers_at_most".into(), json!(known[1]));
+    Value::Object(numbers)
+}
+
+/// What failed, and what was measured that explains it; `smaller` where errors of something are less than half of what was predicted.
+fn why(failures: &[String], smaller: bool, known: [f64; 2]) -> String {
+    if failures.is_empty() {
         return String::new();
     }
     // A short solve counts what it had no time to find as unknown.
     let unfinished = known[1] > UNFINISHED * known[0];
-    let smaller = ratios.iter().any(|ratio| *ratio < HONEST);
     let cause = match smaller && unfinished {
         true => format!(
             "deviations are too large where a solve had no time to find what is known: {} numbers were, up to {} may be",
@@ -285,66 +277,64 @@ fn why(ratios: [f64; 3], correlation: f64, known: [f64; 2]) -> String {
         false => "the cause was not found; deviations know nothing of what the model leaves out"
             .to_owned(),
     };
-    format!(" Not so: {}; {cause}.", not.join(", "))
+    format!(" Not so: {}; {cause}.", failures.join(", "))
 }
 
-fn figures(spread: &Spread, draws: &[Draw]) -> Vec<Figure> {
+/// Errors and spread over deviations, and where they are.
+fn figures(quantity: &Quantity) -> [Figure; 2] {
+    let spread = &quantity.spread;
     let dots = |of: &[f64]| -> Vec<[f64; 2]> {
-        spread
-            .predicted
-            .iter()
-            .zip(of)
-            .step_by(7)
-            .map(|(x, y)| [*x, *y])
-            .collect()
+        let pairs = spread.pairs(of);
+        let every = pairs.len() / DOTS + 1;
+        let some = pairs.into_iter().step_by(every);
+        // A logarithm of nothing cannot be drawn.
+        some.filter(|pair| pair[1] > 0.0).collect()
     };
-    let all = || {
-        spread
-            .predicted
-            .iter()
-            .chain(&spread.error)
-            .copied()
-            .filter(|v| *v > 0.0)
-    };
+    let (errors, between) = (dots(&spread.error), dots(&spread.between));
+    let all = || errors.iter().chain(&between).flatten().copied();
     let range = [
         all().fold(f64::INFINITY, f64::min).max(1e-4),
         1.2 * all().fold(0.0, f64::max),
     ];
+    let most = spread.predicted.iter().copied().fold(1e-12, f64::max);
+    let high = 0.5 * most as f32;
+    let [width, height, channels] = quantity.shape;
     let map = |label: &str, values: &[f64]| {
-        let first = &draws[0].light;
-        let grey = values.chunks_exact(3).map(|v| (mean(v)) as f32).collect();
-        let high = spread.predicted.iter().copied().fold(0.0, f64::max) as f32;
+        let values = values.chunks_exact(channels).take(width * height);
         Picture {
             label: label.to_owned(),
             values: Image {
-                width: first.width,
-                height: first.height,
+                width,
+                height,
                 channels: 1,
-                data: grey,
+                data: values.map(|v| mean(v) as f32).collect(),
             },
-            tone: Tone::Heat {
-                low: 0.0,
-                high: 0.5 * high,
-            },
+            tone: Tone::Heat { low: 0.0, high },
         }
     };
-    vec![
+    [
         Figure {
-            name: "errors-over-deviations".into(),
-            caption: "Every seventh value of the map of light: RMS error, and spread over draws, over the predicted deviation.".into(),
+            name: format!("{}-errors-over-deviations", spread.name),
+            caption: format!(
+                "RMS error of the {}, and its spread over draws, over the predicted deviation; some of all values.",
+                spread.name
+            ),
             content: Content::Chart(Chart {
                 x: Axis::logarithmic("predicted deviation", range),
                 y: Axis::logarithmic("error or spread", range),
                 series: vec![
-                    Series::dots("error", dots(&spread.error)),
-                    Series::dots("spread", dots(&spread.between)),
+                    Series::dots("error", errors.clone()),
+                    Series::dots("spread", between.clone()),
                     Series::line("equal", vec![[range[0]; 2], [range[1]; 2]]),
                 ],
             }),
         },
         Figure {
-            name: "maps".into(),
-            caption: "Predicted deviation, RMS error and spread over draws; one scale, mean over channels.".into(),
+            name: format!("{}-maps", spread.name),
+            caption: format!(
+                "Of {}: predicted deviation, RMS error and spread over draws; one scale, mean over channels.",
+                quantity.shown
+            ),
             content: Content::Pictures(vec![
                 map("predicted", &spread.predicted),
                 map("error", &spread.error),
@@ -360,17 +350,14 @@ mod tests {
 
     #[test]
     fn reasons_follow_what_was_measured() {
-        assert_eq!(why([1.0, 0.6, 1.9], 0.5, [10.0, 10.0]), "");
-        let large = why([3.0, 1.0, 1.0], 0.5, [10.0, 90.0]);
-        assert!(large.contains("light are more than twice what"), "{large}");
-        assert!(large.contains("the cause was not found"), "{large}");
-        let small = why([1.0, 1.0, 0.2], 0.1, [10.0, 90.0]);
-        assert!(
-            small.contains("masks are less than half of what"),
-            "{small}"
-        );
-        assert!(small.contains("not where deviations"), "{small}");
-        assert!(small.contains("up to 90 may be"), "{small}");
-        assert!(!why([f64::NAN, 1.0, 1.0], 0.5, [1.0; 2]).is_empty());
+        assert_eq!(why(&[], true, [10.0, 90.0]), "");
+        let failed = ["errors of the masks are less than half of what was predicted".to_owned()];
+        let unknown = why(&failed, false, [10.0, 90.0]);
+        assert!(unknown.contains("Not so: errors of the masks"), "{unknown}");
+        assert!(unknown.contains("the cause was not found"), "{unknown}");
+        let short = why(&failed, true, [10.0, 90.0]);
+        assert!(short.contains("up to 90 may be"), "{short}");
+        let long = why(&failed, true, [10.0, 11.0]);
+        assert!(long.contains("the cause was not found"), "{long}");
     }
 }

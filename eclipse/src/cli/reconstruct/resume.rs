@@ -4,24 +4,18 @@ use std::{borrow::Cow, ffi::OsString};
 
 use clap::{CommandFactory, parser::ValueSource};
 
-use super::{
-    super::arguments::{Arguments, ColorName},
-    ReconstructArguments,
-};
+use super::{super::arguments::Arguments, ReconstructArguments, reading::Reading};
 use crate::{
     capture::{Capture, LoadOptions},
-    checkpoint::{self, Array, Checkpoint, CheckpointError},
+    checkpoint::{self, Checkpoint, CheckpointError},
     settings::Settings,
 };
-
-/// The name under which a checkpoint keeps how colours are stored: what it holds otherwise says nothing of files.
-const COLOR: &str = "color";
 
 /// The options of a run.
 pub(super) struct Chosen {
     pub settings: Settings,
-    /// How photographs store colours, where that was said.
-    pub color: Option<ColorName>,
+    /// How files are read, where that was said.
+    pub reading: Reading,
     /// Options of the beginning that were not typed again, as they would be.
     pub inherited: Vec<String>,
 }
@@ -33,67 +27,58 @@ impl Chosen {
         words: &[OsString],
         begun: Option<&Checkpoint>,
     ) -> Self {
-        let (now, color) = (arguments.settings(), arguments.reading.color);
+        let (now, reading) = (arguments.settings(), Reading::typed(&arguments.reading));
         let Some(begun) = begun else {
             return Self {
                 settings: now,
-                color,
+                reading,
                 inherited: Vec::new(),
             };
         };
         let typed = typed(words);
         let (settings, mut inherited) = continued(&now, &begun.settings, &typed);
-        let kept = color_of(begun);
-        if let (None, Some(kept)) = (color, kept) {
-            inherited.extend(["--color".to_owned(), kept.name().to_owned()]);
-        }
+        let kept = Reading::of(begun);
+        inherited.extend(reading.inherited(kept));
         Self {
             settings,
-            color: color.or(kept),
+            reading: reading.or(kept),
             inherited,
         }
     }
 
-    /// How the capture is read.
-    pub fn reading(&self, arguments: &ReconstructArguments) -> LoadOptions {
+    /// What the capture is loaded with.
+    pub fn options(&self, arguments: &ReconstructArguments) -> LoadOptions {
         let mesh = self.settings.mesh.as_deref();
-        LoadOptions {
-            color_encoding: self.color.map(ColorName::encoding),
-            ..arguments.reading.options(mesh)
-        }
+        self.reading.into_options(arguments.reading.options(mesh))
     }
 
     /// Whether the run that left `begun` can go on so.
     ///
     /// # Errors
-    /// As [`Checkpoint::check`]; colours that are read otherwise are told apart from another capture.
+    /// As [`Checkpoint::check`]; files that are read otherwise are told apart from another capture.
     pub fn check(&self, begun: &Checkpoint, capture: &Capture) -> Result<(), CheckpointError> {
         let checked = begun.check(&self.settings, checkpoint::fingerprint(capture));
-        let then = color_of(begun);
-        match checked {
-            Err(CheckpointError::OtherCapture) if then != self.color => {
-                let named = |color: Option<ColorName>| match color {
-                    Some(color) => color.name().to_owned(),
-                    None => "what the capture says".to_owned(),
-                };
+        let differing = Reading::of(begun).differing(self.reading);
+        match (checked, differing) {
+            (Err(CheckpointError::OtherCapture), Some((field, then, now))) => {
                 Err(CheckpointError::OtherSettings {
-                    field: COLOR.to_owned(),
-                    then: named(then),
-                    now: named(self.color),
+                    field: field.to_owned(),
+                    then,
+                    now,
                 })
             }
-            checked => checked,
+            (checked, _) => checked,
         }
     }
 
     /// A checkpoint of the solver, with what it does not know of.
     pub fn kept_in<'a>(&self, checkpoint: &'a Checkpoint) -> Cow<'a, Checkpoint> {
-        let Some(color) = self.color else {
+        let arrays = self.reading.arrays();
+        if arrays.is_empty() {
             return Cow::Borrowed(checkpoint);
-        };
+        }
         let mut checkpoint = checkpoint.clone();
-        let array = Array::U64(vec![color as u64]);
-        checkpoint.arrays.insert(COLOR.to_owned(), array);
+        checkpoint.arrays.extend(arrays);
         Cow::Owned(checkpoint)
     }
 }
@@ -227,15 +212,6 @@ fn continued(
     (settings, inherited)
 }
 
-/// How the beginning read colours, where that was said.
-fn color_of(begun: &Checkpoint) -> Option<ColorName> {
-    let Some(Array::U64(values)) = begun.arrays.get(COLOR) else {
-        return None;
-    };
-    let all = [ColorName::Linear, ColorName::Srgb];
-    all.into_iter().find(|color| values[..] == [*color as u64])
-}
-
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeMap;
@@ -339,26 +315,5 @@ mod tests {
         );
         let with = chosen("--resume --occluder-prior operator", then);
         assert!(with.settings.occluders);
-    }
-
-    #[test]
-    fn how_colours_are_read_is_kept() {
-        let mut begun = Checkpoint {
-            settings: Settings::default(),
-            capture: 0,
-            iteration: 0,
-            seconds: 0.0,
-            arrays: BTreeMap::new(),
-        };
-        assert_eq!(color_of(&begun), None);
-        for color in [ColorName::Linear, ColorName::Srgb] {
-            let chosen = Chosen {
-                settings: Settings::default(),
-                color: Some(color),
-                inherited: Vec::new(),
-            };
-            begun = chosen.kept_in(&begun).into_owned();
-            assert_eq!(color_of(&begun), Some(color));
-        }
     }
 }

@@ -1,10 +1,7 @@
 //! A constant that the sensor adds to every value.
 
 use super::{Effect, Stage, Term, camera_map::CameraMap};
-use crate::{
-    capture::Capture,
-    criticism::{light::Light, scene::Scene},
-};
+use crate::{capture::Capture, criticism::scene::Scene};
 
 /// + b_c.
 pub struct BlackLevel;
@@ -21,9 +18,6 @@ impl Effect for BlackLevel {
     }
     fn confused_with(&self) -> &'static [&'static str] {
         &["veiling_glare", "emission", "medium"]
-    }
-    fn under(&self, _light: Light) -> bool {
-        true
     }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         let scale = 0.05 * f64::from(scene.typical());

@@ -3,7 +3,7 @@
 use autodiff::Var;
 
 use super::{Effect, Recorded, Stage, Term};
-use crate::criticism::{light::Light, scene::Scene};
+use crate::criticism::scene::Scene;
 
 /// Above a knee only the share 1 − β of a value's excess is recorded; the field holds the knee.
 pub struct Clipping;
@@ -23,9 +23,6 @@ impl Effect for Clipping {
     }
     fn confused_with(&self) -> &'static [&'static str] {
         &["response_curve", "specular_lobe"]
-    }
-    fn under(&self, _light: Light) -> bool {
-        true
     }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         let mut values: Vec<f32> = scene

@@ -3,10 +3,7 @@
 use autodiff::Var;
 
 use super::{Effect, Recorded, Stage, Term, camera_map::CameraMap, weighted};
-use crate::{
-    capture::Capture,
-    criticism::{light::Light, scene::Scene},
-};
+use crate::{capture::Capture, criticism::scene::Scene};
 
 /// e^{g_t,c}: a gain of each frame, and two of its colours.
 pub struct ExposureDrift;
@@ -30,9 +27,6 @@ impl Effect for ExposureDrift {
     }
     fn confused_with(&self) -> &'static [&'static str] {
         &["moving_occluder", "moving_light", "response_curve"]
-    }
-    fn under(&self, _light: Light) -> bool {
-        true
     }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         (0..scene.seen.frames as u32)

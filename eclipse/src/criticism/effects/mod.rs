@@ -31,6 +31,7 @@ mod view_dependence;
 mod vignetting;
 
 use autodiff::{Detached, Var};
+use glam::Vec3;
 
 use camera_map::CameraMap;
 
@@ -44,6 +45,8 @@ use crate::capture::Capture;
 
 /// The share of light that reaches a view from a texel.
 pub type Passing = Box<dyn Fn(usize, usize) -> f32 + Sync>;
+/// The share of light that passes in a frame from a direction, on a shell around the scene that is seen from its middle.
+pub type Mask = Box<dyn Fn(usize, Vec3) -> f32 + Sync>;
 
 /// Where in the forward model an effect acts, in the order light meets these places.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -151,9 +154,11 @@ pub trait Effect: Sync {
     fn stands_for_unknown(&self) -> bool {
         false
     }
-    /// Whether it can be told under such light.
+    /// Whether it can be told under such light: physics of lens and sensor under any, since it acts on light however that came; all
+    /// else where the environment is fitted, unless the effect says otherwise.
     fn under(&self, light: Light) -> bool {
-        light == Light::Environment
+        let of_lens_or_sensor = self.stage() >= Stage::Glare && !self.is_capacity();
+        light == Light::Environment || of_lens_or_sensor
     }
     /// Its numbers and fields for the model as it stands; empty where it makes no sense.
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term>;
@@ -161,6 +166,11 @@ pub trait Effect: Sync {
     ///
     /// They are multiplied into the light transport; [`record`](Self::record) then acts on what differs from `beta`.
     fn passing(&self, _horizon: &Horizon, _seen: &Observations, _beta: &[f64]) -> Option<Passing> {
+        None
+    }
+    /// For effects that block light: what of it they let pass at `beta`, as somebody in the middle would see it; `None` where that is
+    /// everything.
+    fn mask(&self, _seen: &Observations, _beta: &[f64]) -> Option<Mask> {
         None
     }
     /// For effects that move known lamps: where `beta` puts them.
@@ -245,4 +255,44 @@ pub fn all() -> Vec<&'static dyn Effect> {
 /// The effect of this name.
 pub fn by_id(id: &str) -> Option<&'static dyn Effect> {
     all().into_iter().find(|effect| effect.id() == id)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is looked for under known lamps decides what can be named there: an effect that changes its stage must not slip in or out.
+    #[test]
+    fn what_each_light_lets_tell() {
+        let told = |light| -> Vec<&str> {
+            let under = all().into_iter().filter(|effect| effect.under(light));
+            under.map(|effect| effect.id()).collect()
+        };
+        assert_eq!(
+            told(Light::Lamps),
+            [
+                "exposure_drift",
+                "response_curve",
+                "vignetting",
+                "black_level",
+                "veiling_glare",
+                "clipping",
+                "near_field_light",
+                "lamp_direction",
+                "ambient_light",
+                "emission",
+                "specular_lobe",
+                "normal_error",
+                "finer_albedo",
+                "finer_lamps",
+            ]
+        );
+        let lamps_alone = ["lamp_direction", "ambient_light", "finer_lamps"];
+        let expected: Vec<&str> = all()
+            .iter()
+            .map(|effect| effect.id())
+            .filter(|id| !lamps_alone.contains(id))
+            .collect();
+        assert_eq!(told(Light::Environment), expected);
+    }
 }

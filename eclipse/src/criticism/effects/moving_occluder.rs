@@ -4,7 +4,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use render::occluder::shell_direction;
 
-use super::{Effect, Passing, Stage, Term, support::CameraGrid};
+use super::{Effect, Mask, Passing, Stage, Term, support::CameraGrid};
 use crate::criticism::{horizon::Horizon, observe::Observations, scene::Scene};
 
 /// 1 − m_t(ω), m ≥ 0: opacity of the cells of a grid that turns with the camera, on the shell at the camera's distance, and more
@@ -55,32 +55,37 @@ impl Effect for MovingOccluder {
         });
         cells.chain(own).collect()
     }
-    fn passing(&self, horizon: &Horizon, seen: &Observations, beta: &[f64]) -> Option<Passing> {
+    fn mask(&self, seen: &Observations, beta: &[f64]) -> Option<Mask> {
         if beta.iter().all(|b| *b == 0.0) {
             return None;
         }
         let opacity: Vec<f32> = beta.iter().map(|b| *b as f32).collect();
-        let directions = horizon.directions.clone();
         let azimuths = azimuths(seen);
-        let places: Vec<(Vec3, f32, [f32; 2], usize)> = seen
-            .views
-            .iter()
-            .map(|view| {
-                let point = seen.sites[view.site as usize].point.position;
-                let frame = view.frame as usize;
-                (point, seen.eyes[frame].length(), azimuths[frame], frame)
-            })
-            .collect();
-        Some(Box::new(move |view, texel| {
-            let (point, radius, azimuth, frame) = places[view];
-            let from = shell_direction(point, directions[texel], radius);
-            let cell = CameraGrid::cell(from, azimuth);
+        Some(Box::new(move |frame, from| {
+            let cell = CameraGrid::cell(from, azimuths[frame]);
             let at = |k: usize| opacity.get(k).copied().unwrap_or(0.0);
             let own = CameraGrid::part(cell).map_or(0.0, |part| {
                 at(CameraGrid::CELLS + frame * CameraGrid::PARTS + part)
             });
             // The sum, whose derivatives are the fields; nothing is more than opaque.
             (1.0 - at(cell) - own).max(0.0)
+        }))
+    }
+    fn passing(&self, horizon: &Horizon, seen: &Observations, beta: &[f64]) -> Option<Passing> {
+        let mask = self.mask(seen, beta)?;
+        let directions = horizon.directions.clone();
+        let places: Vec<(Vec3, f32, usize)> = seen
+            .views
+            .iter()
+            .map(|view| {
+                let point = seen.sites[view.site as usize].point.position;
+                let frame = view.frame as usize;
+                (point, seen.eyes[frame].length(), frame)
+            })
+            .collect();
+        Some(Box::new(move |view, texel| {
+            let (point, radius, frame) = places[view];
+            mask(frame, shell_direction(point, directions[texel], radius))
         }))
     }
 }

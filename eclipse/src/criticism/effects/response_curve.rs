@@ -3,10 +3,7 @@
 use autodiff::Var;
 
 use super::{Effect, Recorded, Stage, Term, camera_map::CameraMap};
-use crate::{
-    capture::Capture,
-    criticism::{light::Light, scene::Scene},
-};
+use crate::{capture::Capture, criticism::scene::Scene};
 
 /// I · exp(γ₁ u + γ₂ u² + γ₃ u³) with u = ln(I / I₀): the first mode is I^{1+γ}, the others bend it.
 pub struct ResponseCurve;
@@ -26,9 +23,6 @@ impl Effect for ResponseCurve {
     }
     fn confused_with(&self) -> &'static [&'static str] {
         &["clipping", "finer_albedo", "specular_lobe", "emission"]
-    }
-    fn under(&self, _light: Light) -> bool {
-        true
     }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         // The field holds ln I₀: light at which nothing changes.

@@ -11,10 +11,7 @@ use super::{
     camera_map::CameraMap,
     support::{sample, widely_blurred},
 };
-use crate::{
-    capture::Capture,
-    criticism::{light::Light, scene::Scene},
-};
+use crate::{capture::Capture, criticism::scene::Scene};
 
 /// (1 − k) I + k · PSF ∗ I for three widths of the point-spread function; the field holds PSF ∗ I.
 pub struct VeilingGlare;
@@ -36,9 +33,6 @@ impl Effect for VeilingGlare {
     }
     fn confused_with(&self) -> &'static [&'static str] {
         &["black_level", "defocus", "medium"]
-    }
-    fn under(&self, _light: Light) -> bool {
-        true
     }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         VEILS

@@ -5,10 +5,7 @@ use glam::Vec2;
 use render::camera::Camera;
 
 use super::{Effect, Recorded, Stage, Term, camera_map::CameraMap, weighted};
-use crate::{
-    capture::Capture,
-    criticism::{light::Light, scene::Scene},
-};
+use crate::{capture::Capture, criticism::scene::Scene};
 
 /// 1 + a r² + b r⁴, with r = 1 in the corners.
 pub struct Vignetting;
@@ -25,9 +22,6 @@ impl Effect for Vignetting {
     }
     fn confused_with(&self) -> &'static [&'static str] {
         &["medium", "near_field_light", "veiling_glare"]
-    }
-    fn under(&self, _light: Light) -> bool {
-        true
     }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         let squared = |i: usize| {

@@ -7,7 +7,7 @@ use render::{lat_long::LatLong, visibility::VisibilityCache};
 
 use crate::{
     capture::{Capture, Frame},
-    settings::Settings,
+    settings::{Batch, MaskForm, Settings},
 };
 
 /// The paper's pixels an iteration.
@@ -86,9 +86,24 @@ impl Memory {
 }
 
 impl Plan {
-    /// A batch that suits the time limit, and a cache that does; both stay within the memory. It does not depend on the
-    /// threads.
+    /// What casts rays; cells then tell materials apart, no more.
+    const CASTING: Self = Self {
+        pixels: 0,
+        rays: 0,
+        cells: MOST_CELLS / 4,
+        side: 0,
+    };
+
+    /// The batch that was asked for or, without one, a batch that suits the time limit and a cache that does, both within the
+    /// memory. It does not depend on the threads.
     pub fn new(settings: &Settings, capture: &Capture) -> Self {
+        if let Some(Batch { pixels, rays }) = settings.batch {
+            return Self {
+                pixels: pixels.min(Batch::MOST),
+                rays: rays.min(Batch::MOST),
+                ..Self::CASTING
+            };
+        }
         let rest = |memory: &Memory| settings.memory.saturating_sub(memory.total());
         let fixed = Self::default().memory(settings, capture);
         let mut plan = Self::batch(settings, rest(&fixed) / 2);
@@ -138,7 +153,7 @@ impl Plan {
                 return (cells, side as u64);
             }
         }
-        (MOST_CELLS / 4, 0)
+        (Self::CASTING.cells, Self::CASTING.side)
     }
 
     /// What a run of this plan needs.
@@ -156,7 +171,10 @@ impl Plan {
             .iter()
             .map(|f| covered(&f.mask.data) as u64)
             .sum();
-        let coefficients = (settings.harmonic_degree as u64 + 1).pow(2);
+        let coefficients = match settings.parametrisation.masks {
+            MaskForm::Harmonics => (settings.harmonic_degree as u64 + 1).pow(2),
+            MaskForm::Texels => grid.len() as u64,
+        };
         let cached = usize::try_from(self.cells).unwrap_or(usize::MAX);
         Memory {
             // Photograph (3) and mask (1) before, materials (5) and render (3) after.
@@ -266,6 +284,22 @@ mod tests {
         let least = (1u64..1 << 16).step_by(64).find(fits);
         let least = least.expect("an empty capture takes little");
         assert_eq!(plan(Some(600.0), least << 10).side, 0);
+    }
+
+    #[test]
+    fn a_batch_that_is_asked_for_is_taken_whatever_the_time() {
+        for time_limit in [None, Some(1e5)] {
+            let settings = Settings {
+                time_limit,
+                batch: Some(Batch {
+                    pixels: 700,
+                    rays: 6,
+                }),
+                ..Settings::default()
+            };
+            let plan = Plan::new(&settings, &capture());
+            assert_eq!((plan.pixels, plan.rays, plan.side), (700, 6, 0));
+        }
     }
 
     #[test]

@@ -5,7 +5,7 @@ use render::{
     bsdf::Model,
     bvh::Bvh,
     environment::LightDistribution,
-    estimator::{Estimator, EstimatorOptions, RenderSample, Unknowns},
+    estimator::{Estimator, EstimatorOptions, MaskBasis, RenderSample, Unknowns},
     image::Image,
     lat_long::LatLong,
     loss::LossForm,
@@ -19,6 +19,7 @@ use super::{
     batch::{self, Pixel},
     brightness,
     cells::Cells,
+    free_transmittance,
     materials::MaterialEvaluator,
     plan::{self, Plan},
     radiance, rates,
@@ -27,14 +28,15 @@ use super::{
     transmittance,
 };
 use crate::{
-    capture::Capture, control::Control, reconstruct::hold_out, reconstruction::Ended,
-    settings::Settings,
+    capture::Capture,
+    control::Control,
+    reconstruct::hold_out,
+    reconstruction::Ended,
+    settings::{LightForm, MaskForm, Parametrisation, Settings},
 };
 
 /// Levels of the environment's pyramid (Eq. 7); it ends early where a level has one texel.
 const LEVELS: usize = 6;
-/// The masks' transmittance at the start as a logit: σ(5) = 0.993.
-const START_LOGIT: f32 = 5.0;
 /// Iterations between looks at the roughness that material samples follow. Any would be right; the present one has the
 /// least noise.
 const ROUGHNESS_EVERY: u64 = 64;
@@ -53,6 +55,7 @@ pub(super) struct Problem<'a> {
     plan: Plan,
     radii: Vec<f32>,
     options: EstimatorOptions,
+    masks: MaskBasis,
     estimator: Estimator,
     evaluator: MaterialEvaluator,
 }
@@ -94,7 +97,7 @@ impl<'a> Problem<'a> {
             } else {
                 Model::Microfacet
             },
-            pyramid: Pyramid::new(grid, LEVELS),
+            pyramid: pyramid(grid, &settings.parametrisation),
             mask_grid: grid,
             degree: settings.harmonic_degree,
             frames: if settings.occluders {
@@ -104,6 +107,10 @@ impl<'a> Problem<'a> {
             },
             lookup: Lookup::Stochastic,
             form: LossForm::HalfBackward,
+        };
+        let masks = match settings.parametrisation.masks {
+            MaskForm::Harmonics => MaskBasis::Harmonics,
+            MaskForm::Texels => MaskBasis::Texels,
         };
         Ok(Self {
             capture,
@@ -115,9 +122,10 @@ impl<'a> Problem<'a> {
             positions: cells.places.iter().map(|p| p.position).collect(),
             visible,
             radii: capture.frames.iter().map(|f| f.camera.distance()).collect(),
-            estimator: Estimator::new(options.clone())?,
+            estimator: Estimator::with_masks(options.clone(), masks)?,
             evaluator: MaterialEvaluator::new()?,
             options,
+            masks,
         })
     }
 
@@ -129,12 +137,16 @@ impl<'a> Problem<'a> {
     ) -> Result<State, PaperError> {
         let radius = self.capture.mesh.bounding_radius();
         let seed = self.settings.seed;
-        let mut unknowns = self.options.start(START_LOGIT, seed, radius);
+        let logit = self.settings.parametrisation.mask_logit as f32;
+        let mut unknowns = self.options.start_in(self.masks, logit, seed, radius);
         if let (Some(start), None) = (start, control.resume) {
-            let EstimatorOptions {
-                pyramid, degree, ..
-            } = &self.options;
-            start.apply(&mut unknowns, pyramid, *degree, &self.evaluator, seed)?;
+            start.apply(
+                &mut unknowns,
+                &self.options,
+                self.masks,
+                &self.evaluator,
+                seed,
+            )?;
         }
         let mut state = State::new(unknowns, self.plan, self.positions.len());
         if let Some(checkpoint) = control.resume {
@@ -257,7 +269,12 @@ impl<'a> Problem<'a> {
         } = &self.options;
         PaperSolution {
             environment: self.radiance(&state),
-            masks: transmittance(&state.unknowns.occluders, *mask_grid, *degree),
+            masks: match self.masks {
+                MaskBasis::Harmonics => {
+                    transmittance(&state.unknowns.occluders, *mask_grid, *degree)
+                }
+                MaskBasis::Texels => free_transmittance(&state.unknowns.occluders, *mask_grid),
+            },
             network: state.unknowns.network,
             model: *model,
             radii: self.radii,
@@ -267,5 +284,14 @@ impl<'a> Problem<'a> {
             ended,
             evaluator: self.evaluator,
         }
+    }
+}
+
+/// What the light's logarithm is summed from.
+fn pyramid(grid: LatLong, parametrisation: &Parametrisation) -> Pyramid {
+    let pyramid = Pyramid::with_ratio(grid, LEVELS, parametrisation.level_ratio);
+    match parametrisation.light {
+        LightForm::Pyramid => pyramid,
+        LightForm::Texels => pyramid.finest_alone(),
     }
 }

@@ -5,8 +5,13 @@ use std::path::Path;
 use autodiff::RunError;
 use glam::Vec3;
 use render::{
-    bsdf::Material, bvh::Bvh, estimator::Unknowns, harmonics::Harmonics, image::Image,
-    lat_long::LatLong, pyramid::Pyramid,
+    bsdf::Material,
+    bvh::Bvh,
+    estimator::{EstimatorOptions, MaskBasis, Unknowns},
+    harmonics::Harmonics,
+    image::Image,
+    lat_long::LatLong,
+    pyramid::Pyramid,
 };
 
 use super::{PaperError, batch::COVERED, materials::MaterialEvaluator};
@@ -67,18 +72,25 @@ impl Start {
         })
     }
 
-    /// Writes what is known into `unknowns`. Images of another size are left out.
+    /// Writes what is known into `unknowns` of an estimator of these options, with masks in this basis. Images of another size are
+    /// left out.
     ///
     /// # Errors
     /// When memory does not suffice to fit the network.
     pub fn apply(
         &self,
         unknowns: &mut Unknowns,
-        pyramid: &Pyramid,
-        degree: usize,
+        options: &EstimatorOptions,
+        basis: MaskBasis,
         evaluator: &MaterialEvaluator,
         seed: u64,
     ) -> Result<(), RunError> {
+        let EstimatorOptions {
+            pyramid,
+            degree,
+            frames,
+            ..
+        } = options;
         let grid = pyramid.finest();
         let fits = |image: &Image, channels: usize| {
             [image.height, image.width, image.channels] == [grid.rows, grid.columns, channels]
@@ -86,9 +98,13 @@ impl Start {
         if let Some(image) = self.environment.as_ref().filter(|image| fits(image, 3)) {
             log_radiance(image, pyramid, &mut unknowns.environment);
         }
-        let frames = unknowns.occluders.len() / (degree + 1).pow(2);
-        if frames > 0 && self.masks.len() == frames && self.masks.iter().all(|m| fits(m, 1)) {
-            unknowns.occluders = logits(&self.masks, grid, degree);
+        let known = self.masks.len() == *frames && self.masks.iter().all(|m| fits(m, 1));
+        if *frames > 0 && known {
+            let logits = logits(&self.masks, grid);
+            unknowns.occluders = match basis {
+                MaskBasis::Harmonics => projected(&logits, grid, *degree, *frames),
+                MaskBasis::Texels => logits,
+            };
         }
         evaluator.fit(&mut unknowns.network, &self.materials, seed)
     }
@@ -139,7 +155,7 @@ fn log_radiance(image: &Image, pyramid: &Pyramid, levels: &mut [f32]) {
     let mean = image.data.iter().sum::<f32>() / image.data.len() as f32;
     let floor = (DARKEST * mean).max(f32::MIN_POSITIVE);
     let finest = pyramid.levels().len() - 1;
-    let weight = (1u32 << finest) as f32;
+    let weight = pyramid.level_weight(finest) as f32;
     for (c, channel) in levels.chunks_exact_mut(pyramid.len()).enumerate() {
         channel.fill(0.0);
         let texels = image.data.iter().skip(c).step_by(3);
@@ -149,23 +165,28 @@ fn log_radiance(image: &Image, pyramid: &Pyramid, levels: &mut [f32]) {
     }
 }
 
-/// Harmonics of the masks' logits, `[coefficient][frame]`: least squares over the sphere, by projection and corrections.
-fn logits(masks: &[Image], grid: LatLong, degree: usize) -> Vec<f32> {
+/// The masks' logits, `[texel][frame]`.
+fn logits(masks: &[Image], grid: LatLong) -> Vec<f32> {
     let frames = masks.len();
-    let harmonics = Harmonics::<f32>::new(degree, grid);
-    let mut target = vec![0.0; grid.len() * frames];
+    let mut logits = vec![0.0; grid.len() * frames];
     for (t, mask) in masks.iter().enumerate() {
         for (texel, &m) in mask.data.iter().enumerate() {
             let m = m.clamp(BLOCKED, CLEAR);
-            target[texel * frames + t] = (m / (1.0 - m)).ln();
+            logits[texel * frames + t] = (m / (1.0 - m)).ln();
         }
     }
+    logits
+}
+
+/// Harmonics of logits, `[coefficient][frame]`: least squares over the sphere, by projection and corrections.
+fn projected(target: &[f32], grid: LatLong, degree: usize, frames: usize) -> Vec<f32> {
+    let harmonics = Harmonics::<f32>::new(degree, grid);
     let mut coefficients = vec![0.0; harmonics.coefficients() * frames];
     let mut values = vec![0.0; target.len()];
     let mut correction = coefficients.clone();
     for _ in 0..=CORRECTIONS {
         harmonics.synthesize(&coefficients, &mut values, frames);
-        for (i, (value, target)) in values.iter_mut().zip(&target).enumerate() {
+        for (i, (value, target)) in values.iter_mut().zip(target).enumerate() {
             *value = (target - *value) * grid.solid_angle(i / frames / grid.columns);
         }
         harmonics.transpose(&values, &mut correction, frames);
@@ -180,7 +201,6 @@ fn logits(masks: &[Image], grid: LatLong, degree: usize) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use render::estimator::EstimatorOptions;
     use render::{bsdf::Model, loss::LossForm, path::Lookup};
 
     #[test]
@@ -232,8 +252,9 @@ mod tests {
                 .collect(),
         };
         let evaluator = MaterialEvaluator::new().unwrap();
+        let basis = MaskBasis::Harmonics;
         start
-            .apply(&mut unknowns, &pyramid, degree, &evaluator, 3)
+            .apply(&mut unknowns, &options, basis, &evaluator, 3)
             .unwrap();
 
         let found = crate::reconstruct::paper::radiance(&unknowns.environment, &pyramid);
@@ -251,5 +272,53 @@ mod tests {
             (m.albedo[0] - 0.25).abs() < 0.05 && (m.alpha - 0.3).abs() < 0.05,
             "{m:?}"
         );
+    }
+
+    #[test]
+    fn free_texels_take_light_and_masks_over_as_they_are() {
+        let grid = LatLong::new(6, 12);
+        let options = EstimatorOptions {
+            model: Model::Lambertian,
+            pyramid: Pyramid::with_ratio(grid, 3, 0.5).finest_alone(),
+            mask_grid: grid,
+            degree: 2,
+            frames: 2,
+            lookup: Lookup::Stochastic,
+            form: LossForm::HalfBackward,
+        };
+        let basis = MaskBasis::Texels;
+        let mut unknowns = options.start_in(basis, 5.0, 1, 1.0);
+        let wave = |i: usize| 0.5 + 0.4 * (0.7 * i as f32).sin();
+        let mut environment = Image::filled(12, 6, 3, 0.0);
+        let mut mask = Image::filled(12, 6, 1, 0.0);
+        for image in [&mut environment, &mut mask] {
+            let values = image.data.iter_mut().enumerate();
+            values.for_each(|(i, v)| *v = wave(i));
+        }
+        let start = Start {
+            environment: Some(environment.clone()),
+            masks: vec![mask.clone(), Image::filled(12, 6, 1, 0.25)],
+            materials: vec![(
+                Vec3::X,
+                Material {
+                    albedo: [0.5; 3],
+                    alpha: 0.5,
+                    kappa: 0.04,
+                },
+            )],
+        };
+        let evaluator = MaterialEvaluator::new().unwrap();
+        start
+            .apply(&mut unknowns, &options, basis, &evaluator, 3)
+            .unwrap();
+        let light = crate::reconstruct::paper::radiance(&unknowns.environment, &options.pyramid);
+        for (a, b) in light.data.iter().zip(&environment.data) {
+            assert!((a / b - 1.0).abs() < 1e-4, "{a} for {b}");
+        }
+        let masks = crate::reconstruct::paper::free_transmittance(&unknowns.occluders, grid);
+        assert!(masks[1].data.iter().all(|m| (m - 0.25).abs() < 1e-5));
+        for (a, b) in masks[0].data.iter().zip(&mask.data) {
+            assert!((a - b).abs() < 1e-5, "{a} for {b}");
+        }
     }
 }

@@ -4,13 +4,16 @@ use std::path::PathBuf;
 
 use render::mesh::MeshError;
 
-use crate::checkpoint::CheckpointError;
+use crate::{checkpoint::CheckpointError, settings::SettingsError};
 
 use super::super::paper::PaperError;
 
 /// Why a reconstruction could not be made.
 #[derive(Debug, thiserror::Error)]
 pub enum ReconstructError {
+    /// Options that no run can be made with.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
     /// Nothing is unknown of the light.
     #[error(
         "the lamps of {path} are known (`lamp` in transforms.json): reconstruct looks for unknown light and has nothing to find here; \
@@ -64,7 +67,7 @@ impl ReconstructError {
                 true
             }
             Self::Paper(error) => matches!(error, PaperError::NoPixels | PaperError::Start { .. }),
-            Self::Graph(_) | Self::Tape(_) | Self::Checkpoint(_) => false,
+            Self::Settings(_) | Self::Graph(_) | Self::Tape(_) | Self::Checkpoint(_) => false,
         }
     }
 }

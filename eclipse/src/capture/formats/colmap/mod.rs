@@ -2,7 +2,8 @@
 //!
 //! The files are described at <https://colmap.github.io/format.html>. Photographs lie in `images/`, masks in `masks/` (under
 //! COLMAP's name, `NAME.png` added to the whole file name, or the photograph's own). Poses become camera to world with OpenGL
-//! axes; the model's frame is kept, in which the mesh must be, and whose z axis should point up.
+//! axes; the model's frame is kept, in which the mesh must be. Which way is up in it is arbitrary, where nobody aligned the model:
+//! [`LoadOptions::up`](crate::capture::LoadOptions::up) says it.
 
 mod binary;
 mod camera;

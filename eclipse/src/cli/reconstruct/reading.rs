@@ -1,0 +1,177 @@
+//! How the files of a capture are read, as far as it was said: a run that goes on reads them as its beginning did.
+
+use crate::{
+    capture::{LoadOptions, UpAxis},
+    checkpoint::{Array, Checkpoint},
+    cli::arguments::{ColorName, ReadingArguments},
+};
+
+/// The names under which a checkpoint keeps it: what it holds otherwise says nothing of files.
+const NAMES: [&str; 3] = ["color", "up", "max_size"];
+
+/// What was said of each; nothing where nothing was.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Reading {
+    pub color: Option<ColorName>,
+    pub up: Option<UpAxis>,
+    pub max_size: Option<u32>,
+}
+
+impl Reading {
+    /// As it was typed.
+    pub fn typed(arguments: &ReadingArguments) -> Self {
+        Self {
+            color: arguments.color,
+            up: arguments.up,
+            max_size: arguments.max_size,
+        }
+    }
+
+    /// As the beginning read.
+    pub fn of(begun: &Checkpoint) -> Self {
+        let [color, up, max_size] = NAMES.map(|name| match begun.arrays.get(name) {
+            Some(Array::U64(values)) if values.len() == 1 => Some(values[0]),
+            _ => None,
+        });
+        let colors = [ColorName::Linear, ColorName::Srgb];
+        let color = color.and_then(|kept| colors.into_iter().find(|c| *c as u64 == kept));
+        let up = up.and_then(|kept| UpAxis::ALL.into_iter().find(|axis| *axis as u64 == kept));
+        Self {
+            color,
+            up,
+            max_size: max_size.and_then(|kept| u32::try_from(kept).ok()),
+        }
+    }
+
+    /// This and, where it says nothing, what `begun` says.
+    pub fn or(self, begun: Self) -> Self {
+        Self {
+            color: self.color.or(begun.color),
+            up: self.up.or(begun.up),
+            max_size: self.max_size.or(begun.max_size),
+        }
+    }
+
+    /// What `begun` says and this does not, as it would be typed.
+    pub fn inherited(self, begun: Self) -> Vec<String> {
+        let options = [
+            ("--color", self.color.is_none(), begun.color()),
+            ("--up", self.up.is_none(), begun.up()),
+            ("--max-size", self.max_size.is_none(), begun.max_size()),
+        ];
+        let untyped = options.into_iter().filter(|(_, untyped, _)| *untyped);
+        let told = untyped.filter_map(|(option, _, told)| Some([option.to_owned(), told?]));
+        told.flatten().collect()
+    }
+
+    /// The first in which two differ: its name, what this says and what `other` says.
+    pub fn differing(self, other: Self) -> Option<(&'static str, String, String)> {
+        let said = |reading: Self| {
+            [
+                reading.color().unwrap_or("what the capture says".into()),
+                reading.up().unwrap_or(UpAxis::default().name().into()),
+                reading.max_size().unwrap_or("none".into()),
+            ]
+        };
+        let both = said(self).into_iter().zip(said(other));
+        let mut named = NAMES.into_iter().zip(both);
+        let found = named.find(|(_, (this, other))| this != other);
+        found.map(|(name, (this, other))| (name, this, other))
+    }
+
+    /// Puts it into the options a capture is loaded with.
+    pub fn into_options(self, options: LoadOptions) -> LoadOptions {
+        LoadOptions {
+            color_encoding: self.color.map(ColorName::encoding),
+            up: self.up.unwrap_or_default(),
+            max_size: self.max_size.map(|side| side as usize),
+            ..options
+        }
+    }
+
+    /// What a checkpoint keeps of it, by name.
+    pub fn arrays(self) -> Vec<(String, Array)> {
+        let values = [
+            self.color.map(|color| color as u64),
+            self.up.map(|axis| axis as u64),
+            self.max_size.map(u64::from),
+        ];
+        let named = NAMES.into_iter().zip(values);
+        let kept = named.filter_map(|(name, value)| {
+            let array = Array::U64(vec![value?]);
+            Some((name.to_owned(), array))
+        });
+        kept.collect()
+    }
+
+    fn color(self) -> Option<String> {
+        self.color.map(|color| color.name().to_owned())
+    }
+
+    fn up(self) -> Option<String> {
+        self.up.map(|axis| axis.name().to_owned())
+    }
+
+    fn max_size(self) -> Option<String> {
+        self.max_size.map(|side| side.to_string())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+    use crate::settings::Settings;
+
+    fn kept(reading: Reading) -> Reading {
+        Reading::of(&Checkpoint {
+            settings: Settings::default(),
+            capture: 0,
+            iteration: 0,
+            seconds: 0.0,
+            arrays: reading.arrays().into_iter().collect::<BTreeMap<_, _>>(),
+        })
+    }
+
+    #[test]
+    fn a_checkpoint_keeps_all_that_was_said_and_nothing_else() {
+        assert_eq!(kept(Reading::default()), Reading::default());
+        for color in [None, Some(ColorName::Linear), Some(ColorName::Srgb)] {
+            for up in UpAxis::ALL {
+                let reading = Reading {
+                    color,
+                    up: Some(up),
+                    max_size: Some(512),
+                };
+                assert_eq!(kept(reading), reading);
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_typed_counts_and_all_else_is_inherited() {
+        let begun = Reading {
+            color: Some(ColorName::Linear),
+            up: Some(UpAxis::NegY),
+            max_size: Some(512),
+        };
+        let typed = Reading {
+            up: Some(UpAxis::X),
+            ..Reading::default()
+        };
+        let both = typed.or(begun);
+        assert_eq!(both.up, Some(UpAxis::X));
+        assert_eq!((both.color, both.max_size), (begun.color, begun.max_size));
+        let inherited = typed.inherited(begun).join(" ");
+        assert_eq!(inherited, "--color linear --max-size 512");
+        let (name, then, now) = begun.differing(both).unwrap();
+        assert_eq!((name, &*then, &*now), ("up", "-y", "x"));
+        // To say what is meant anyway changes nothing.
+        let z = Reading {
+            up: Some(UpAxis::Z),
+            ..Reading::default()
+        };
+        assert_eq!(z.differing(Reading::default()), None);
+    }
+}

@@ -1,0 +1,234 @@
+//! Predicted standard deviations beside errors and the spread over draws, a value each.
+
+use crate::{report::text::number, studies::ranks::rank_correlation};
+
+/// Errors are of the size of deviations when their ratio lies between this and one over it.
+pub(super) const HONEST: f64 = 0.5;
+/// Where deviations are large errors should be: least rank correlation over values.
+const CORRELATED: f64 = 0.4;
+
+/// A quantity as one draw found it, in the truth's scale, with its predicted deviations.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Values {
+    pub found: Vec<f32>,
+    pub deviation: Vec<f32>,
+}
+
+/// Per value of a quantity, over all draws.
+pub(super) struct Spread {
+    /// What it is of.
+    pub name: &'static str,
+    /// How much each value counts.
+    weight: Vec<f64>,
+    /// Root mean square of the predicted deviation.
+    pub predicted: Vec<f64>,
+    /// Deviation of the draws from their mean.
+    pub between: Vec<f64>,
+    /// Root mean square of the error.
+    pub error: Vec<f64>,
+    /// Shares of errors within one and two deviations.
+    pub within: [f64; 2],
+}
+
+impl Spread {
+    /// Of at least two draws; `weight` tells how much each value counts, and each has a truth.
+    pub(super) fn new(
+        name: &'static str,
+        truth: &[f32],
+        weight: Vec<f64>,
+        draws: &[&Values],
+    ) -> Self {
+        let n = draws.len() as f64;
+        let (mut within, mut all) = ([0.0; 2], 0.0);
+        let (mut predicted, mut between, mut error) = (Vec::new(), Vec::new(), Vec::new());
+        for (i, (truth, weight)) in truth.iter().zip(&weight).enumerate() {
+            let values = || draws.iter().map(|d| f64::from(d.found[i]));
+            let deviations = || draws.iter().map(|d| f64::from(d.deviation[i]));
+            let errors = || values().map(|v| v - f64::from(*truth));
+            let centre = values().sum::<f64>() / n;
+            let squares: f64 = values().map(|v| (v - centre).powi(2)).sum();
+            between.push((squares / (n - 1.0)).sqrt());
+            error.push((errors().map(|e| e * e).sum::<f64>() / n).sqrt());
+            predicted.push((deviations().map(|d| d * d).sum::<f64>() / n).sqrt());
+            for (error, deviation) in errors().zip(deviations()) {
+                for (k, within) in within.iter_mut().enumerate() {
+                    if error.abs() <= (k + 1) as f64 * deviation {
+                        *within += weight;
+                    }
+                }
+                all += weight;
+            }
+        }
+        Self {
+            name,
+            weight,
+            predicted,
+            between,
+            error,
+            within: within.map(|sum| sum / all),
+        }
+    }
+
+    /// Root mean square of `of` over that of the prediction.
+    fn over_predicted(&self, of: &[f64]) -> f64 {
+        let square = |values: &[f64]| {
+            let weighted = values.iter().zip(&self.weight);
+            weighted.map(|(v, weight)| weight * v * v).sum::<f64>()
+        };
+        (square(of) / square(&self.predicted)).sqrt()
+    }
+
+    /// Errors over deviations.
+    pub(super) fn size(&self) -> f64 {
+        self.over_predicted(&self.error)
+    }
+
+    /// The spread of draws over deviations.
+    pub(super) fn noise(&self) -> f64 {
+        self.over_predicted(&self.between)
+    }
+
+    /// Pairs of a positive deviation and `of`, of all values that count: where none is predicted there is nothing to rank.
+    pub(super) fn pairs(&self, of: &[f64]) -> Vec<[f64; 2]> {
+        let pairs = self.predicted.iter().zip(of).zip(&self.weight);
+        pairs
+            .filter(|((predicted, _), weight)| **predicted > 0.0 && **weight > 0.0)
+            .map(|((predicted, value), _)| [*predicted, *value])
+            .collect()
+    }
+
+    /// Of errors with deviations.
+    pub(super) fn place(&self) -> f64 {
+        rank_correlation(&self.pairs(&self.error))
+    }
+
+    /// Of the spread of draws with deviations.
+    pub(super) fn place_of_noise(&self) -> f64 {
+        rank_correlation(&self.pairs(&self.between))
+    }
+
+    /// Whether errors are of the size of deviations, draws spread by no more than those allow, and errors are where deviations are
+    /// large.
+    pub(super) fn parts(&self) -> [bool; 3] {
+        [
+            honest(self.size()),
+            self.noise() <= 1.0 / HONEST,
+            self.place() > CORRELATED,
+        ]
+    }
+
+    /// Whether it held, with its numbers.
+    pub(super) fn words(&self) -> String {
+        let held = self.parts().iter().all(|&held| held);
+        format!(
+            "{}: {}: errors are {} of what was predicted (RMS), draws spread by {} of it; {} % and {} % of errors lie within one and \
+             two deviations; the rank correlation of errors and deviations is {}",
+            self.name,
+            if held { "held" } else { "not held" },
+            number(self.size()),
+            number(self.noise()),
+            number(100.0 * self.within[0]),
+            number(100.0 * self.within[1]),
+            number(self.place()),
+        )
+    }
+
+    /// What failed.
+    pub(super) fn failures(&self) -> Vec<String> {
+        let [size, noise, place] = self.parts();
+        let name = self.name;
+        let mut failures = Vec::new();
+        if !size {
+            let ratio = self.size();
+            let words = if ratio < HONEST {
+                "less than half of"
+            } else if ratio > 1.0 / HONEST {
+                "more than twice"
+            } else {
+                "not comparable with"
+            };
+            failures.push(format!(
+                "errors of the {name} are {words} what was predicted"
+            ));
+        }
+        if !noise {
+            failures.push(format!(
+                "draws of the {name} spread by more than twice what was predicted"
+            ));
+        }
+        if !place {
+            failures.push(format!(
+                "errors of the {name} are not where deviations are large"
+            ));
+        }
+        failures
+    }
+}
+
+/// Whether errors are of the size of deviations.
+fn honest(ratio: f64) -> bool {
+    (HONEST..=1.0 / HONEST).contains(&ratio)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two draws of four values about a truth of 1, off by these shares of their deviations, and a fifth that does not count.
+    fn spread(shares: [f32; 2], deviations: [f32; 4]) -> Spread {
+        let draw = |share: f32| Values {
+            found: deviations
+                .iter()
+                .map(|d| 1.0 + share * d)
+                .chain([70.0])
+                .collect(),
+            deviation: deviations.into_iter().chain([0.1]).collect(),
+        };
+        let draws = shares.map(draw);
+        let weight = vec![1.0, 1.0, 1.0, 1.0, 0.0];
+        Spread::new("light", &[1.0; 5], weight, &[&draws[0], &draws[1]])
+    }
+
+    #[test]
+    fn errors_that_deviations_foretell_hold() {
+        let found = spread([1.0, -1.0], [0.1, 0.2, 0.3, 0.4]);
+        let near = |a: f64, b: f64| (a - b).abs() < 1e-5;
+        assert!(near(found.size(), 1.0) && near(found.noise(), 2f64.sqrt()));
+        assert!(near(found.place(), 1.0) && near(found.place_of_noise(), 1.0));
+        assert_eq!(found.parts(), [true; 3]);
+        assert!(found.words().starts_with("light: held"));
+        assert!(found.failures().is_empty());
+        assert_eq!(found.within[1], 1.0);
+    }
+
+    #[test]
+    fn what_failed_is_named() {
+        let small = spread([0.2, 0.2], [0.1, 0.2, 0.3, 0.4]);
+        assert!((small.size() - 0.2).abs() < 1e-5 && small.noise() < 1e-5);
+        assert_eq!(small.within, [1.0; 2]);
+        assert_eq!(small.parts(), [false, true, true]);
+        assert!(small.failures()[0].contains("light are less than half"));
+
+        let wild = spread([3.0, -3.0], [0.1, 0.2, 0.3, 0.4]);
+        assert_eq!(wild.parts(), [false, false, true]);
+        assert_eq!(wild.within, [0.0; 2]);
+        let failures = wild.failures().join(", ");
+        for failure in ["more than twice what", "draws of the light spread"] {
+            assert!(failures.contains(failure), "{failures}");
+        }
+        assert!(wild.words().starts_with("light: not held"));
+    }
+
+    #[test]
+    fn where_nothing_is_predicted_nothing_holds() {
+        let none = spread([1.0, 1.0], [0.0; 4]);
+        assert_eq!(none.parts(), [false; 3]);
+        assert_eq!(none.failures().len(), 3);
+        let misplaced = Spread {
+            error: vec![0.4, 0.3, 0.2, 0.1, 0.0],
+            ..spread([1.0, -1.0], [0.1, 0.2, 0.3, 0.4])
+        };
+        assert_eq!(misplaced.parts(), [true, true, false]);
+        assert!(misplaced.failures()[0].contains("not where deviations"));
+    }
+}

@@ -1,0 +1,10 @@
+//! The program as a child process: what it prints, writes, refuses and goes on with.
+
+mod cli;
+mod cli_reading;
+mod cli_reconstruct;
+mod cli_relight;
+mod cli_resume;
+mod many_captures;
+mod progress;
+mod storage;

@@ -1,0 +1,7 @@
+//! The solver on captures whose answer is known.
+
+mod finer_model;
+mod joint;
+mod paper;
+mod recovery;
+mod uncertainty;
