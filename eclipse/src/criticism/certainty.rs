@@ -33,7 +33,7 @@ pub fn standard_errors(
     let jacobian = Jacobian::new(study, fit)?;
     let layout = layout(study, &jacobian);
     let matrix = |c: usize| {
-        let columns = jacobian.nuisance.iter().chain(&jacobian.always);
+        let columns = jacobian.nuisance.columns.iter().chain(&jacobian.always);
         let columns: Vec<&Vec<f32>> = columns.chain([&jacobian.residual]).collect();
         let columns: Vec<Vec<f32>> = columns
             .par_iter()
@@ -58,7 +58,7 @@ pub fn standard_errors(
 }
 
 fn layout(study: &Study<'_>, jacobian: &Jacobian) -> Layout {
-    let (nuisance, always) = (jacobian.nuisance.len(), jacobian.always.len());
+    let (nuisance, always) = (jacobian.nuisance.columns.len(), jacobian.always.len());
     let (mut rows, mut starts) = (Vec::new(), vec![0]);
     for fold in 0..FOLDS {
         let developed = |i: &usize| study.role[*i] == Role::Development(fold as u8);

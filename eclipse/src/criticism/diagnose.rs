@@ -23,7 +23,7 @@ use super::{
 use crate::capture::Capture;
 
 /// Steps that bring the baseline near its best before effects are screened.
-const BASELINE_STEPS: usize = 9;
+const BASELINE_STEPS: usize = 24;
 /// Effects that are added at most.
 const MOST_EFFECTS: usize = 3;
 /// More photographs than these are compared at fewer places each, or memory would grow with their square.
@@ -147,7 +147,8 @@ pub fn diagnose<'a>(
             break;
         }
         let refitted = Instant::now();
-        let round = refit::round(&study, fit, contenders, &|text| report(text))?;
+        let tell = |text: &str| report(text);
+        let round = refit::round(&study, fit, &result.nuisance, contenders, &tell)?;
         let taken = refitted.elapsed().as_secs_f64();
         longest = longest.max(taken);
         seconds.insert(format!("refits {}", rounds.len() + 1), taken);

@@ -17,14 +17,17 @@ use super::{
     formation::{Formation, Parameters},
     horizon::{Horizon, Source},
     linear::dot,
+    nuisance::Nuisance,
     precision::Precision,
     scene::Scene,
     study::Study,
     transport::{Lobe, Transport},
 };
 
-/// A relative change of the cost in a step that counts as none: a tenth of what an effect must gain to be looked at.
-const SETTLED: f64 = 4e-4;
+/// A relative change of the cost in a step that counts as none: a fortieth of what an effect must gain to be looked at.
+const SETTLED: f64 = 1e-4;
+/// A relative change of a deviation that counts as none.
+const STEADY: f64 = 0.01;
 
 /// An effect in the model with its numbers.
 #[derive(Clone)]
@@ -71,8 +74,31 @@ pub struct Fit {
     pub value: Vec<f32>,
     /// Derivative of the latter by the former.
     pub slope: Vec<f32>,
+    /// The same of a surface of the texture alone.
+    pub mean: Mean,
     /// Links of the active effects, as fields were when it was last linearised.
     pub links: Vec<Link>,
+    /// Light and texture as a dense system, as they were at some step.
+    nuisance: Option<Arc<Nuisance>>,
+    /// Whether the model has gone too far from there.
+    worn: bool,
+}
+
+/// A model whose sites have no albedo of their own: what derivatives are taken at.
+///
+/// Own albedos are noise, of the covariance V, which is not differentiated. Were they in the derivatives, brighter light on a darker
+/// surface would always seem better, since V grows with the light and its determinant is not in the cost; and an effect's change would
+/// hold a part of the residual that it is to explain.
+#[derive(Clone, Debug, Default)]
+pub struct Mean {
+    /// Albedo, `[site][colour]`.
+    pub albedo: Vec<f32>,
+    /// Values before effects, `[observation][colour]`.
+    pub ideal: Vec<f32>,
+    /// Values after effects.
+    pub value: Vec<f32>,
+    /// Derivative of the latter by the former.
+    pub slope: Vec<f32>,
 }
 
 impl Fit {
@@ -120,7 +146,10 @@ impl Fit {
             ideal: Vec::new(),
             value: Vec::new(),
             slope: Vec::new(),
+            mean: Mean::default(),
             links: Vec::new(),
+            nuisance: None,
+            worn: false,
         }
     }
 
@@ -139,13 +168,15 @@ impl Fit {
             dark_inflation: self.dark_inflation,
             trust: self.trust.clone(),
             links: self.links.clone(),
+            nuisance: self.nuisance.clone(),
+            worn: self.worn,
             ..Self::unevaluated(parameters, self.lobe, horizon, bare, formation, values)
         };
         fit.evaluate(study)?;
         Ok(fit)
     }
 
-    /// The scene that effects look at.
+    /// The scene that effects look at, of a surface of the texture alone.
     pub fn scene<'a>(&'a self, study: &'a Study<'_>) -> Scene<'a> {
         Scene {
             capture: study.capture,
@@ -156,10 +187,10 @@ impl Fit {
             bare: &self.bare,
             lobe: self.lobe,
             radiance: &self.radiance,
-            albedo: &self.albedo,
+            albedo: &self.mean.albedo,
             diffuse: &self.diffuse,
             specular: &self.specular,
-            value: &self.ideal,
+            value: &self.mean.ideal,
             renders: &study.renders,
             radius: study.radius,
         }
@@ -214,7 +245,7 @@ impl Fit {
         let views = study.seen.views.len();
         let weight: Vec<f32> = (0..study.value.len()).map(weight).collect();
         let shading: Vec<f32> = (0..3 * views)
-            .map(|i| self.slope[i] * self.diffuse[i])
+            .map(|i| self.mean.slope[i] * self.diffuse[i])
             .collect();
         Precision::new(&study.seen.offsets, weight, shading, self.tau)
     }
@@ -236,6 +267,20 @@ impl Fit {
         chain.bind(&self.ideal, &self.betas(study, &chain))?;
         self.value = chain.values()?;
         self.slope = chain.slope(study.seen.len())?;
+
+        let own = &self.parameters.deviation;
+        let pairs = self.albedo.iter().zip(own);
+        self.mean.albedo = pairs.map(|(albedo, own)| albedo - own).collect();
+        self.mean.ideal.clone_from(&self.ideal);
+        for (v, view) in study.seen.views.iter().enumerate() {
+            for c in 0..3 {
+                let own = own[3 * view.site as usize + c];
+                self.mean.ideal[3 * v + c] -= own * self.diffuse[3 * v + c];
+            }
+        }
+        chain.bind(&self.mean.ideal, &self.betas(study, &chain))?;
+        self.mean.value = chain.values()?;
+        self.mean.slope = chain.slope(study.seen.len())?;
         Ok(())
     }
 
@@ -370,7 +415,14 @@ impl Fit {
         self.evaluate(study)
     }
 
-    /// Takes up to `steps` steps on the development data; fewer where two in a row change next to nothing.
+    /// Begins the next step with light and texture as they were linearised here, of this model or one close to it.
+    pub fn precondition(&mut self, nuisance: Arc<Nuisance>) {
+        self.nuisance = Some(nuisance);
+        self.worn = false;
+    }
+
+    /// Takes up to `steps` steps on the development data; fewer where two in a row change next to nothing, neither the cost nor what
+    /// it is measured by.
     ///
     /// # Errors
     /// A bug of the tape.
@@ -379,16 +431,22 @@ impl Fit {
         for step in 0..steps {
             self.relink(study)?;
             let lobe = self.lobe.is_some();
-            let before = self.cost(study);
-            self.step(study, lobe)?;
             // Under the same weights: what their estimates do to the cost is no progress.
-            let after = self.cost(study);
+            let precision = self.precision(study, &|i| study.develops(i));
+            let before = self.cost_under(study, &precision);
+            self.step(study, &precision, lobe)?;
+            let after = self.cost_under(study, &precision);
+            let scales = self.scales();
             self.site_albedo(study)?;
             if step > 0 {
                 self.variances(study);
             }
-            tracing::debug!(step, before, after, "nuisance step");
-            settled = if (before - after).abs() < SETTLED * after.abs() {
+            tracing::debug!(step, before, after, tau = ?self.tau, lobe = ?self.lobe, "nuisance step");
+            let pairs = scales.into_iter().zip(self.scales());
+            let steady = pairs.fold(true, |so_far, (was, is)| {
+                so_far && (is / was).ln().abs() < STEADY
+            });
+            settled = if steady && (before - after).abs() < SETTLED * after.abs() {
                 settled + 1
             } else {
                 0
@@ -400,14 +458,15 @@ impl Fit {
         Ok(())
     }
 
-    /// ½ rᵀ V⁻¹ r with the site's own albedo integrated out.
-    fn cost(&self, study: &Study<'_>) -> f64 {
-        self.cost_under(study, &self.precision(study, &|i| study.develops(i)))
+    /// What the cost is measured by.
+    fn scales(&self) -> [f64; 5] {
+        let [a, b, c] = self.tau;
+        [a, b, c, self.inflation, self.dark_inflation]
     }
 
-    /// The same under these weights: costs of different models can be compared by the same noise only.
+    /// ½ rᵀ V⁻¹ r with the site's own albedo integrated out. Costs of different models can be compared by the same noise only.
     pub fn cost_under(&self, study: &Study<'_>, precision: &Precision) -> f64 {
-        let r = self.without_own_albedo(study);
+        let r = self.residual_of_mean(study);
         0.5 * dot(&r, &precision.apply(&r))
     }
 
@@ -418,17 +477,17 @@ impl Fit {
         numbers.chain(&lobe).map(|z| f64::from(*z).powi(2)).sum()
     }
 
-    /// Residuals as if no site had an albedo of its own.
-    fn without_own_albedo(&self, study: &Study<'_>) -> Vec<f32> {
-        let mut r = self.residual(study);
-        for (v, view) in study.seen.views.iter().enumerate() {
-            for c in 0..3 {
-                let i = 3 * v + c;
-                let own = self.parameters.deviation[3 * view.site as usize + c];
-                r[i] += self.slope[i] * self.diffuse[i] * own;
-            }
-        }
-        r
+    /// The parameters that derivatives are taken at: those of the [mean](Mean).
+    pub fn mean_parameters(&self) -> Parameters {
+        let mut mean = self.parameters.clone();
+        mean.deviation.fill(0.0);
+        mean
+    }
+
+    /// Residual of every value as if no site had an albedo of its own.
+    pub fn residual_of_mean(&self, study: &Study<'_>) -> Vec<f32> {
+        let pairs = study.value.iter().zip(&self.mean.value);
+        pairs.map(|(y, m)| y - m).collect()
     }
 }
 

@@ -56,26 +56,49 @@ impl Matrix {
         out: &mut [f64],
     ) {
         let width = self.columns;
+        if a.is_empty() {
+            return;
+        }
         let band = &mut out[a.start * width..a.end * width];
         band.par_chunks_mut(TALL * width)
             .enumerate()
             .for_each(|(tile, out)| {
                 let first = a.start + tile * TALL;
                 let tall = TALL.min(a.end - first);
-                Arch::new().dispatch(|| self.strip(rows.clone(), first, tall, b.clone(), out));
+                Arch::new()
+                    .dispatch(|| self.strip(self, rows.clone(), first, tall, b.clone(), out));
             });
     }
 
+    /// The inner products of all columns with all of another matrix of as many rows, `[column][other's column]`.
+    pub fn cross(&self, other: &Self) -> Vec<f64> {
+        let width = other.columns;
+        let mut out = vec![0.0; self.columns * width];
+        if width == 0 {
+            return out;
+        }
+        let bands = out.par_chunks_mut(TALL * width).enumerate();
+        bands.for_each(|(tile, out)| {
+            let first = tile * TALL;
+            let tall = TALL.min(self.columns - first);
+            let rows = 0..self.rows();
+            Arch::new().dispatch(|| self.strip(other, rows.clone(), first, tall, 0..width, out));
+        });
+        out
+    }
+
+    /// Products of columns from `first` on with the columns `b` of `other`, whose rows of products are `out`.
     #[inline(always)]
     fn strip(
         &self,
+        other: &Self,
         rows: std::ops::Range<usize>,
         first: usize,
         tall: usize,
         b: std::ops::Range<usize>,
         out: &mut [f64],
     ) {
-        let width = self.columns;
+        let width = other.columns;
         let mut start = rows.start;
         while start < rows.end {
             let end = (start + ROWS).min(rows.end);
@@ -84,7 +107,7 @@ impl Matrix {
                 let wide = WIDE.min(b.end - left);
                 let mut sums = [[0.0f32; WIDE]; TALL];
                 for row in start..end {
-                    let line = &self.data[row * width..(row + 1) * width];
+                    let line = other.row(row);
                     let mut right = [0.0f32; WIDE];
                     if wide == WIDE {
                         right.copy_from_slice(&line[left..left + WIDE]);
@@ -92,7 +115,7 @@ impl Matrix {
                         right[..wide].copy_from_slice(&line[left..left + wide]);
                     }
                     let mut factors = [0.0f32; TALL];
-                    factors[..tall].copy_from_slice(&line[first..first + tall]);
+                    factors[..tall].copy_from_slice(&self.row(row)[first..first + tall]);
                     for (sums, factor) in sums.iter_mut().zip(factors) {
                         for (s, r) in sums.iter_mut().zip(right) {
                             *s += factor * r;
@@ -137,5 +160,9 @@ mod tests {
             }
         }
         assert_eq!(out[21 * 9], 0.0);
+        let other = Matrix::from_columns(&columns[3..8], &rows);
+        let cross = matrix.cross(&other);
+        assert_eq!(cross.len(), 21 * 5);
+        assert_eq!(cross[4 * 5 + 2], out[4 * 21 + 5]);
     }
 }

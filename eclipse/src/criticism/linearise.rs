@@ -14,6 +14,7 @@ use super::{
     effects::{Effect, Term},
     fit::{Fit, FitError},
     formation::orthonormal,
+    nuisance::Nuisance,
     precision::Precision,
     study::Study,
 };
@@ -25,8 +26,8 @@ const PROBES: usize = 16;
 
 /// Whitened columns, each `[observation][colour]`.
 pub struct Jacobian {
-    /// Light and texture: a column here serves the three colours, each with a coefficient of its own.
-    pub nuisance: Vec<Vec<f32>>,
+    /// Light and texture.
+    pub nuisance: Arc<Nuisance>,
     /// The lobe and the effects in the model already, times their prior's deviation: one coefficient for all colours.
     pub always: Vec<Vec<f32>>,
     /// Bounds of the coefficients of `always`, in the same units, relative to where they are now.
@@ -56,19 +57,9 @@ impl Jacobian {
     /// A bug of the tape.
     pub fn new(study: &Study<'_>, fit: &Fit) -> Result<Self, FitError> {
         let precision = fit.precision(study, &|i| study.develops(i));
-        let mut residual = fit.residual(study);
-        for (v, view) in study.seen.views.iter().enumerate() {
-            for c in 0..3 {
-                let own = fit.parameters.deviation[3 * view.site as usize + c];
-                residual[3 * v + c] += fit.slope[3 * v + c] * fit.diffuse[3 * v + c] * own;
-            }
-        }
+        let mut residual = fit.residual_of_mean(study);
         precision.whiten(&mut residual);
-        let mut nuisance = light(study, fit, &precision)?;
-        nuisance.extend(texture(study, fit));
-        nuisance
-            .par_iter_mut()
-            .for_each(|column| precision.whiten(column));
+        let nuisance = Arc::new(Nuisance::new(study, fit, &precision)?);
         let mut always: Vec<Vec<f32>> = Vec::new();
         let mut always_bounds = Vec::new();
         for (column, _) in fit.lobe_columns(study)? {
@@ -77,7 +68,7 @@ impl Jacobian {
         }
         let mut chain = Chain::new(&fit.links, study.seen.len())?;
         let betas = fit.betas(study, &chain);
-        chain.bind(&fit.ideal, &betas)?;
+        chain.bind(&fit.mean.ideal, &betas)?;
         for (l, link) in chain.links().to_vec().iter().enumerate() {
             for (k, term) in link.terms.iter().enumerate() {
                 let scale = term.scale as f32;
@@ -124,7 +115,7 @@ impl Jacobian {
                 .iter()
                 .position(|link| link.effect.id() == effect.id());
             let betas = fit.betas(study, &chain);
-            chain.bind(&fit.ideal, &betas)?;
+            chain.bind(&fit.mean.ideal, &betas)?;
             for (k, term) in group.iter().enumerate() {
                 let scale = term.scale as f32;
                 let column = chain.column(own.unwrap_or(0), k)?;
@@ -140,7 +131,7 @@ impl Jacobian {
                 (0..views)
                     .map(|v| {
                         let sum = |of: &[f32]| (0..3).map(|c| of[3 * v + c]).sum::<f32>();
-                        sum(column) / sum(&fit.value).max(floor)
+                        sum(column) / sum(&fit.mean.value).max(floor)
                     })
                     .collect()
             })
@@ -175,13 +166,51 @@ fn groups(terms: &mut [Term]) -> Vec<Vec<Term>> {
         .collect()
 }
 
-/// Derivatives by the directions of light that matter.
+/// Directions of light that matter, and derivatives.
+pub(super) struct Directions {
+    /// Orthonormal, `[direction][number]`.
+    pub basis: Vec<Vec<f32>>,
+    /// Columns of those, then of the texture's bumps.
+    pub columns: Vec<Vec<f32>>,
+}
+
+/// Whitened derivatives by the directions of light that matter and by the texture's bumps.
+///
+/// # Errors
+/// A bug of the tape.
+pub(super) fn nuisance(
+    study: &Study<'_>,
+    fit: &Fit,
+    precision: &Precision,
+) -> Result<Directions, FitError> {
+    let basis = light(study, fit, precision)?;
+    nuisance_along(study, fit, precision, basis)
+}
+
+/// The same by these directions of light.
+///
+/// # Errors
+/// A bug of the tape.
+pub(super) fn nuisance_along(
+    study: &Study<'_>,
+    fit: &Fit,
+    precision: &Precision,
+    basis: Vec<Vec<f32>>,
+) -> Result<Directions, FitError> {
+    let mut columns = along(study, fit, &basis)?;
+    columns.extend(texture(study, fit));
+    let all = columns.par_iter_mut();
+    all.for_each(|column| precision.whiten(column));
+    Ok(Directions { basis, columns })
+}
+
+/// Directions of light that the photographs tell of.
 fn light(study: &Study<'_>, fit: &Fit, precision: &Precision) -> Result<Vec<Vec<f32>>, FitError> {
     let formation = &fit.formation;
     let views = study.seen.views.len();
     let levels = formation.light.len();
     let width = 3 * PROBES;
-    let mut ws = formation.workspace(&fit.parameters, PROBES)?;
+    let mut ws = formation.workspace(&fit.mean_parameters(), PROBES)?;
     let mut rows = Vec::new();
     for batch in 0..DIRECTIONS / PROBES {
         let mut cotangent = vec![0.0f32; views * width];
@@ -204,7 +233,8 @@ fn light(study: &Study<'_>, fit: &Fit, precision: &Precision) -> Result<Vec<Vec<
         for v in 0..views {
             for (probe, column) in columns.iter().enumerate() {
                 for c in 0..3 {
-                    cotangent[v * width + 3 * probe + c] = fit.slope[3 * v + c] * column[3 * v + c];
+                    cotangent[v * width + 3 * probe + c] =
+                        fit.mean.slope[3 * v + c] * column[3 * v + c];
                 }
             }
         }
@@ -216,7 +246,16 @@ fn light(study: &Study<'_>, fit: &Fit, precision: &Precision) -> Result<Vec<Vec<
             rows.push(row);
         }
     }
-    let basis = orthonormal(rows);
+    Ok(orthonormal(rows))
+}
+
+/// Derivatives by directions of light, not whitened yet.
+fn along(study: &Study<'_>, fit: &Fit, basis: &[Vec<f32>]) -> Result<Vec<Vec<f32>>, FitError> {
+    let formation = &fit.formation;
+    let views = study.seen.views.len();
+    let levels = formation.light.len();
+    let width = 3 * PROBES;
+    let mut ws = formation.workspace(&fit.mean_parameters(), PROBES)?;
     let mut columns: Vec<Vec<f32>> = Vec::with_capacity(basis.len());
     let still = vec![0.0f32; formation.texture.bumps * width];
     for group in basis.chunks(PROBES) {
@@ -231,7 +270,8 @@ fn light(study: &Study<'_>, fit: &Fit, precision: &Precision) -> Result<Vec<Vec<
             let mut column = vec![0.0f32; study.value.len()];
             for v in 0..views {
                 for c in 0..3 {
-                    column[3 * v + c] = fit.slope[3 * v + c] * moved[v * width + 3 * probe + c];
+                    column[3 * v + c] =
+                        fit.mean.slope[3 * v + c] * moved[v * width + 3 * probe + c];
                 }
             }
             columns.push(column);
@@ -250,7 +290,7 @@ fn texture(study: &Study<'_>, fit: &Fit) -> Vec<Vec<f32>> {
             for (v, view) in study.seen.views.iter().enumerate() {
                 let bump = texture.at(view.site as usize)[b];
                 for c in 0..3 {
-                    column[3 * v + c] = fit.slope[3 * v + c] * fit.diffuse[3 * v + c] * bump;
+                    column[3 * v + c] = fit.mean.slope[3 * v + c] * fit.diffuse[3 * v + c] * bump;
                 }
             }
             column

@@ -25,6 +25,7 @@ pub mod linearise;
 pub mod locate;
 pub mod maps;
 pub mod neighbours;
+pub mod nuisance;
 pub mod nulls;
 pub mod observe;
 pub mod oracle;

@@ -3,11 +3,14 @@
 //! Screening predicts gains at a linearisation; what light and texture take up when they are free to follow, only a refit
 //! tells. All refits, that of the model as it is among them, take the same steps and are judged by one covariance.
 
+use std::sync::Arc;
+
 use super::{
     compete::{Choice, Contender},
     diagnose::DiagnoseError,
     effects::{self, Term},
     fit::Fit,
+    nuisance::Nuisance,
     score::Score,
     study::Study,
 };
@@ -34,13 +37,14 @@ pub struct Round {
     pub evidence: Vec<(&'static str, f64)>,
 }
 
-/// Refits `fit` with every contender; `report` is told which.
+/// Refits `fit`, at which `nuisance` was linearised, with every contender; `report` is told which.
 ///
 /// # Errors
 /// A bug of the tape, or whatever `report` answers.
 pub fn round(
     study: &Study<'_>,
     fit: &Fit,
+    nuisance: &Arc<Nuisance>,
     contenders: Vec<Contender>,
     report: &dyn Fn(&str) -> Result<(), DiagnoseError>,
 ) -> Result<Round, DiagnoseError> {
@@ -49,6 +53,7 @@ pub fn round(
     let begin = || -> Result<Fit, DiagnoseError> {
         let mut fit = fit.duplicate(study)?;
         fit.forget_frames();
+        fit.precondition(nuisance.clone());
         Ok(fit)
     };
     let mut null = begin()?;

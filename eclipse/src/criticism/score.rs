@@ -3,6 +3,8 @@
 //! The nuisance is projected out (Neyman's C(α)) in each fold's training data, the effect is estimated there, and both
 //! models predict the patches left out. Gains are sums of squares in units of the noise.
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 
 use super::{
@@ -11,6 +13,7 @@ use super::{
     gram::Matrix,
     linear::Cholesky,
     linearise::{Candidate, Jacobian},
+    nuisance::Nuisance,
     reduce::{Layout, Reduced},
     split::{FOLDS, Role},
     statistics::{paired, sign_flips},
@@ -54,6 +57,8 @@ pub struct Screen {
     pub before: f64,
     /// How many values that is.
     pub count: usize,
+    /// What was projected out.
+    pub nuisance: Arc<Nuisance>,
 }
 
 /// One colour's whitened columns on the rows of development, fold after fold.
@@ -157,11 +162,12 @@ pub fn screen(study: &Study<'_>, jacobian: &Jacobian, candidates: &[Candidate]) 
         scores,
         before,
         count: 3 * layout.rows.len(),
+        nuisance: jacobian.nuisance.clone(),
     }
 }
 
 fn layout(study: &Study<'_>, jacobian: &Jacobian, candidates: &[Candidate]) -> Layout {
-    let (nuisance, always) = (jacobian.nuisance.len(), jacobian.always.len());
+    let (nuisance, always) = (jacobian.nuisance.columns.len(), jacobian.always.len());
     let mut next = nuisance + always + 1;
     let own = candidates
         .iter()
@@ -192,6 +198,7 @@ impl Colour {
     fn new(layout: &Layout, jacobian: &Jacobian, candidates: &[Candidate], c: usize) -> Self {
         let columns: Vec<&Vec<f32>> = jacobian
             .nuisance
+            .columns
             .iter()
             .chain(&jacobian.always)
             .chain(std::iter::once(&jacobian.residual))

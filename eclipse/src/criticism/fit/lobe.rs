@@ -39,7 +39,7 @@ impl Fit {
         );
         let difference = |a: &[f32], b: &[f32], scale: f32| -> Vec<f32> {
             (0..a.len())
-                .map(|i| self.slope[i] * scale * (a[i] - b[i]))
+                .map(|i| self.mean.slope[i] * scale * (a[i] - b[i]))
                 .collect()
         };
         Ok(vec![

@@ -3,11 +3,14 @@
 use super::{Fit, FitError, Study};
 use crate::criticism::statistics::median;
 
+/// The least scale of the variances. They allow for footprints and the model's own error, so that less than one is common.
+const LEAST: f64 = 0.1;
+
 impl Fit {
     /// Each site's own albedo at its best, and how much sites differ.
     pub(super) fn site_albedo(&mut self, study: &Study<'_>) -> Result<(), FitError> {
         let precision = self.precision(study, &|i| study.develops(i));
-        let r = self.without_own_albedo(study);
+        let r = self.residual_of_mean(study);
         let own = precision.own(&r);
         self.parameters.deviation = own.iter().map(|o| o.0).collect();
         for c in 0..3 {
@@ -51,9 +54,9 @@ impl Fit {
                 1.0
             }
         };
-        // A residual has been fitted already: never take it for much better than the sensor's noise.
-        self.inflation = spread(0..3 * views).max(0.3);
-        self.dark_inflation = spread(3 * views..r.len()).max(0.3);
+        // A residual has been fitted already: never take it for far better than the sensor's noise.
+        self.inflation = spread(0..3 * views).max(LEAST);
+        self.dark_inflation = spread(3 * views..r.len()).max(LEAST);
         self.trust = (0..r.len())
             .map(|i| {
                 // The background has no outliers to guard against, and what is bright there is evidence.

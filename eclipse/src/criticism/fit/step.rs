@@ -1,10 +1,14 @@
 //! One Gauss-Newton step of everything that is fitted.
 
+use std::sync::Arc;
+
 use autodiff::RunError;
 use rayon::prelude::*;
 
 use super::{Fit, FitError, lobe};
-use crate::criticism::{chain::Chain, confined, linear::dot, study::Study};
+use crate::criticism::{
+    chain::Chain, confined, linear::dot, nuisance::Nuisance, precision::Precision, study::Study,
+};
 
 /// The largest change of the logarithm of light a step may make.
 const LARGEST_STEP: f32 = 1.2;
@@ -20,19 +24,24 @@ struct Column {
 }
 
 impl Fit {
-    pub(super) fn step(&mut self, study: &Study<'_>, with_lobe: bool) -> Result<(), FitError> {
+    pub(super) fn step(
+        &mut self,
+        study: &Study<'_>,
+        precision: &Precision,
+        with_lobe: bool,
+    ) -> Result<(), FitError> {
         let mut chain = Chain::new(&self.links, study.seen.len())?;
         let betas = self.betas(study, &chain);
-        chain.bind(&self.ideal, &betas)?;
+        chain.bind(&self.mean.ideal, &betas)?;
         let columns = self.columns(study, &mut chain, with_lobe)?;
         let lights = self.parameters.light.len();
         let inner = lights + self.parameters.texture.len();
         let mut at = self.parameters.light.clone();
         at.extend(&self.parameters.texture);
         at.extend(columns.iter().map(|column| column.at));
-        let delta = self.direction(study, &columns, &at)?;
+        let delta = self.direction(study, precision, &columns, &at)?;
 
-        let before = self.cost(study) + 0.5 * dot(&at, &at);
+        let before = self.cost_under(study, precision) + 0.5 * dot(&at, &at);
         let own = self.parameters.clone();
         let (lobe_before, active_before) = (self.lobe, self.active.clone());
         let order: Vec<&'static str> = chain.links().iter().map(|l| l.effect.id()).collect();
@@ -56,7 +65,7 @@ impl Fit {
             self.evaluate(study)?;
             let mut z = at.clone();
             z.iter_mut().zip(&delta).for_each(moved);
-            if self.cost(study) + 0.5 * dot(&z, &z) <= before {
+            if self.cost_under(study, precision) + 0.5 * dot(&z, &z) <= before {
                 return Ok(());
             }
             share *= 0.4;
@@ -104,17 +113,30 @@ impl Fit {
 
     /// Gauss-Newton's step of light, texture and `columns`, which are `at` now.
     fn direction(
-        &self,
+        &mut self,
         study: &Study<'_>,
+        precision: &Precision,
         columns: &[Column],
         at: &[f32],
     ) -> Result<Vec<f32>, FitError> {
-        let precision = self.precision(study, &|i| study.develops(i));
+        let nuisance = match &self.nuisance {
+            None => Arc::new(Nuisance::new(study, self, precision)?),
+            Some(known) if self.worn => Arc::new(known.renewed(study, self, precision)?),
+            Some(known) => known.clone(),
+        };
+        let white = |column: &Column| {
+            let mut change = column.change.clone();
+            precision.whiten(&mut change);
+            change
+        };
+        let beside: Vec<Vec<f32>> = columns.par_iter().map(white).collect();
+        let mut inverse = nuisance.beside(&beside);
         let lights = self.parameters.light.len();
         let inner = lights + self.parameters.texture.len();
         let views = 3 * study.seen.views.len();
-        let (slope, formation) = (&self.slope, &self.formation);
-        let mut back = formation.workspace(&self.parameters, 1)?;
+        let (slope, formation) = (&self.mean.slope, &self.formation);
+        let mean = self.mean_parameters();
+        let mut back = formation.workspace(&mean, 1)?;
         let mut pull = |weights: &[f32]| -> Result<Vec<f32>, RunError> {
             let own: Vec<f32> = (0..views).map(|i| slope[i] * weights[i]).collect();
             let (mut g, texture) = formation.pull(&mut back, &own)?;
@@ -123,13 +145,13 @@ impl Fit {
             g.extend(beside.collect::<Vec<f32>>());
             Ok(g)
         };
-        let mut right = pull(&precision.apply(&self.without_own_albedo(study)))?;
+        let mut right = pull(&precision.apply(&self.residual_of_mean(study)))?;
         right.iter_mut().zip(at).for_each(|(g, z)| *g -= z);
         let mut room = vec![OPEN; inner];
         room.extend(columns.iter().map(|column| column.room));
-        let mut forth = formation.workspace(&self.parameters, 1)?;
+        let mut forth = formation.workspace(&mean, 1)?;
         let mut failed = None;
-        let delta = confined::step(&right, &room, |v| {
+        let product = |v: &[f32]| {
             let mut run = || -> Result<Vec<f32>, RunError> {
                 let mut moved = formation.push(&mut forth, &v[..lights], &v[lights..inner])?;
                 let pairs = moved.iter_mut().zip(slope);
@@ -149,11 +171,15 @@ impl Fit {
                 failed = Some(error);
                 vec![0.0; v.len()]
             })
-        });
-        match failed {
-            None => Ok(delta),
-            Some(error) => Err(error.into()),
+        };
+        let (delta, ended) = confined::step(&right, &room, product, &mut inverse);
+        if let Some(error) = failed {
+            return Err(error.into());
         }
+        // A step that did not get to its end asks for light and texture as they are now.
+        self.nuisance = Some(nuisance);
+        self.worn = !ended;
+        Ok(delta)
     }
 
     /// Moves the effects' numbers, given in the chain's order and in units of their scales.
