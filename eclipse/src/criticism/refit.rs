@@ -30,7 +30,7 @@ pub struct Round {
     pub standing: Vec<(Choice, Fit)>,
     /// A stand-in for physics outside the table that does far better than any within, with its model.
     pub unknown: Option<(&'static str, Fit)>,
-    /// Every refit's effect and evidence, best first.
+    /// Every refit's effect and evidence, best first; stand-ins that do not far better than physics come after it.
     ///
     /// Evidence is twice a logarithm, in units of χ²: the gain over the model without the effect refitted just as long, how usual
     /// light, texture, lobe and effects are included, less what the effect's numbers cost.
@@ -62,8 +62,22 @@ pub fn round(
     for contender in contenders {
         let score = &contender.score;
         report(&format!("refit with {}", score.id))?;
-        let mut with = begin()?;
-        with.add(effect(score.id)?, score.beta.clone());
+        // From the linear estimate or from the null, whichever is closer to the photographs: where light does most of what screening saw,
+        // the estimate without the light's part is far off.
+        let at = |beta: Vec<f64>| -> Result<(Fit, f64), DiagnoseError> {
+            let mut with = begin()?;
+            with.add(effect(score.id)?, beta);
+            with.relink(study)?;
+            let precision = fit.precision(study, &|i| study.develops(i));
+            let cost = with.cost_under(study, &precision);
+            Ok((with, cost))
+        };
+        let (estimated, null_of_it) = (at(score.beta.clone())?, at(Vec::new())?);
+        let (mut with, _) = if estimated.1 < null_of_it.1 {
+            estimated
+        } else {
+            null_of_it
+        };
         with.refine(study, STEPS)?;
         let evidence = gain(study, &null, &with) - price(&with, score);
         tracing::debug!(id = score.id, evidence, "refit");
@@ -104,6 +118,10 @@ pub fn round(
         };
         standing.push((choice, fit));
     }
+    let mut evidence = evidence;
+    let leads = |id: &str| unknown.as_ref().is_some_and(|(best, _)| *best == id);
+    let stands_in = |id: &str| effects::by_id(id).is_some_and(|e| e.stands_for_unknown());
+    evidence.sort_by_key(|(id, _)| stands_in(id) && !leads(id));
     Ok(Round {
         null,
         standing,

@@ -70,6 +70,8 @@ impl Fit {
             }
             share *= 0.4;
         }
+        // Nothing along it is better: the next one is made with light and texture as they are now.
+        self.worn = true;
         self.parameters = own;
         self.active = active_before;
         if self.lobe != lobe_before {
