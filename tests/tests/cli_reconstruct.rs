@@ -134,13 +134,13 @@ fn a_resumed_run_ends_like_one_that_never_stopped() {
 
 #[test]
 fn a_run_resumed_within_a_round_has_the_rounds_own_data_and_lobe() {
-    let capture = small_capture::on_disk();
+    let capture = perfect::bundled();
     let folder = tempfile::tempdir().unwrap();
     let (whole, parts) = (folder.path().join("whole"), folder.path().join("parts"));
     let code = |out: &Path, steps: u64, more: &[&str]| {
         let steps = steps.to_string();
         let to = [
-            text(capture),
+            text(&capture),
             "--json",
             "--iterations",
             &steps,

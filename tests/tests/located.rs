@@ -214,13 +214,22 @@ fn shadows_have_edges_on_what_stands_in_one_and_none_on_a_ball() {
     let distances = shadow_edges::distances(&study_of_pair, &fit, &pairs);
     let near = distances.iter().filter(|d| **d < 0.1).count();
     assert!(near > 20 && near < distances.len() / 2, "{near}");
-    // Edges are on the far ball, which the near one shades; the other way round there is no shadow.
+    // On the far ball the near one casts a shadow of the sun; on the near one only sky is hidden, where it faces the far one.
+    let [far, near_one] = [Vec3::new(-0.4, 0.0, -0.1), Vec3::new(0.55, 0.0, 0.4)];
     let edges = distances.iter().zip(&study_of_pair.seen.views);
-    let x = |site: u32| study_of_pair.seen.sites[site as usize].point.position.x;
-    let on_shaded = edges
-        .filter(|(distance, view)| **distance < 0.1 && x(view.site) < 0.15)
-        .count();
-    assert!(10 * on_shaded > 6 * near, "{on_shaded} of {near}");
+    let at_edges: Vec<Vec3> = edges
+        .filter(|(distance, _)| **distance < 0.1)
+        .map(|(_, view)| study_of_pair.seen.sites[view.site as usize].point.position)
+        .collect();
+    let (on_far, on_near): (Vec<Vec3>, Vec<Vec3>) =
+        at_edges.iter().partition(|p| p.distance(far) < 0.56);
+    assert!(3 * on_far.len() > near, "{} of {near}", on_far.len());
+    let facing = |p: &Vec3| {
+        (*p - near_one)
+            .normalize()
+            .dot((far - near_one).normalize())
+    };
+    assert!(on_near.iter().all(|p| facing(p) > 0.0), "{on_near:?}");
 
     let ball = capture_of(Mesh::sphere(Vec3::ZERO, 0.9, 32));
     let study_of_ball = study(&ball);

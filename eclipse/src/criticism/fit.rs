@@ -4,12 +4,16 @@
 //! deviation τ that is estimated on the way: its contribution to the variance is projected out in closed form.
 
 mod lobe;
+mod mean;
+mod refine;
 mod spread;
 mod step;
 
 use std::sync::Arc;
 
 use autodiff::{GraphError, RunError};
+
+pub use mean::Mean;
 
 use super::{
     chain::{Chain, ChainError, Link},
@@ -23,11 +27,6 @@ use super::{
     study::Study,
     transport::{Lobe, Transport},
 };
-
-/// A relative change of the cost in a step that counts as none: a fortieth of what an effect must gain to be looked at.
-const SETTLED: f64 = 1e-4;
-/// A relative change of a deviation that counts as none.
-const STEADY: f64 = 0.01;
 
 /// An effect in the model with its numbers.
 #[derive(Clone)]
@@ -82,23 +81,6 @@ pub struct Fit {
     nuisance: Option<Arc<Nuisance>>,
     /// Whether the model has gone too far from there.
     worn: bool,
-}
-
-/// A model whose sites have no albedo of their own: what derivatives are taken at.
-///
-/// Own albedos are noise, of the covariance V, which is not differentiated. Were they in the derivatives, brighter light on a darker
-/// surface would always seem better, since V grows with the light and its determinant is not in the cost; and an effect's change would
-/// hold a part of the residual that it is to explain.
-#[derive(Clone, Debug, Default)]
-pub struct Mean {
-    /// Albedo, `[site][colour]`.
-    pub albedo: Vec<f32>,
-    /// Values before effects, `[observation][colour]`.
-    pub ideal: Vec<f32>,
-    /// Values after effects.
-    pub value: Vec<f32>,
-    /// Derivative of the latter by the former.
-    pub slope: Vec<f32>,
 }
 
 impl Fit {
@@ -267,21 +249,7 @@ impl Fit {
         chain.bind(&self.ideal, &self.betas(study, &chain))?;
         self.value = chain.values()?;
         self.slope = chain.slope(study.seen.len())?;
-
-        let own = &self.parameters.deviation;
-        let pairs = self.albedo.iter().zip(own);
-        self.mean.albedo = pairs.map(|(albedo, own)| albedo - own).collect();
-        self.mean.ideal.clone_from(&self.ideal);
-        for (v, view) in study.seen.views.iter().enumerate() {
-            for c in 0..3 {
-                let own = own[3 * view.site as usize + c];
-                self.mean.ideal[3 * v + c] -= own * self.diffuse[3 * v + c];
-            }
-        }
-        chain.bind(&self.mean.ideal, &self.betas(study, &chain))?;
-        self.mean.value = chain.values()?;
-        self.mean.slope = chain.slope(study.seen.len())?;
-        Ok(())
+        self.evaluate_mean(study, &mut chain)
     }
 
     /// Numbers of the active effects in the order of a chain.
@@ -421,49 +389,6 @@ impl Fit {
         self.worn = false;
     }
 
-    /// Takes up to `steps` steps on the development data; fewer where two in a row change next to nothing, neither the cost nor what
-    /// it is measured by.
-    ///
-    /// # Errors
-    /// A bug of the tape.
-    pub fn refine(&mut self, study: &Study<'_>, steps: usize) -> Result<(), FitError> {
-        let mut settled = 0;
-        for step in 0..steps {
-            self.relink(study)?;
-            let lobe = self.lobe.is_some();
-            // Under the same weights: what their estimates do to the cost is no progress.
-            let precision = self.precision(study, &|i| study.develops(i));
-            let before = self.cost_under(study, &precision);
-            self.step(study, &precision, lobe)?;
-            let after = self.cost_under(study, &precision);
-            let scales = self.scales();
-            self.site_albedo(study)?;
-            if step > 0 {
-                self.variances(study);
-            }
-            tracing::debug!(step, before, after, tau = ?self.tau, lobe = ?self.lobe, "nuisance step");
-            let pairs = scales.into_iter().zip(self.scales());
-            let steady = pairs.fold(true, |so_far, (was, is)| {
-                so_far && (is / was).ln().abs() < STEADY
-            });
-            settled = if steady && (before - after).abs() < SETTLED * after.abs() {
-                settled + 1
-            } else {
-                0
-            };
-            if step > 2 && settled > 1 {
-                break;
-            }
-        }
-        Ok(())
-    }
-
-    /// What the cost is measured by.
-    fn scales(&self) -> [f64; 5] {
-        let [a, b, c] = self.tau;
-        [a, b, c, self.inflation, self.dark_inflation]
-    }
-
     /// ½ rᵀ V⁻¹ r with the site's own albedo integrated out. Costs of different models can be compared by the same noise only.
     pub fn cost_under(&self, study: &Study<'_>, precision: &Precision) -> f64 {
         let r = self.residual_of_mean(study);
@@ -475,19 +400,6 @@ impl Fit {
         let numbers = self.parameters.light.iter().chain(&self.parameters.texture);
         let lobe = self.lobe.map_or([0.0; 2], lobe::unusual);
         numbers.chain(&lobe).map(|z| f64::from(*z).powi(2)).sum()
-    }
-
-    /// The parameters that derivatives are taken at: those of the [mean](Mean).
-    pub fn mean_parameters(&self) -> Parameters {
-        let mut mean = self.parameters.clone();
-        mean.deviation.fill(0.0);
-        mean
-    }
-
-    /// Residual of every value as if no site had an albedo of its own.
-    pub fn residual_of_mean(&self, study: &Study<'_>) -> Vec<f32> {
-        let pairs = study.value.iter().zip(&self.mean.value);
-        pairs.map(|(y, m)| y - m).collect()
     }
 }
 
