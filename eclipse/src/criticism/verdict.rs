@@ -74,20 +74,24 @@ pub fn sentence(d: &Diagnosis) -> String {
         )
     });
     let explained = 100.0 * (1.0 - d.unexplained_fraction);
+    // Where neighbouring places share nothing beyond noise, there is no share of it to tell.
+    let share = if d.structured[0] > STRUCTURE {
+        format!("explains {explained:.0} % of the structured mismatch")
+    } else {
+        "explains the photographs better, though neighbouring places differ by no more than noise"
+            .to_owned()
+    };
     let names: Vec<String> = d.effects.iter().map(told).collect();
     let chi2 = format!(
         "χ² a sealed value goes from {:.2} to {:.2}",
         d.sealed.chi2_before, d.sealed.chi2_after
     );
     match d.verdict {
-        Verdict::Explained => format!(
-            "{place}{} explains {explained:.0} % of the structured mismatch; {chi2}.",
-            names.join(" together with ")
-        ),
+        Verdict::Explained => format!("{place}{} {share}; {chi2}.", names.join(" together with ")),
         Verdict::Ambiguous => {
             let others = &d.effects[0].ambiguous_with;
             format!(
-                "{place}{} explains {explained:.0} % of the structured mismatch, but {} would do as well; {chi2}.",
+                "{place}{} {share}, but {} would do as well; {chi2}.",
                 names.join(" together with "),
                 others.join(" or ")
             )
