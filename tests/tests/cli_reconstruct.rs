@@ -157,7 +157,7 @@ fn a_run_resumed_within_a_round_has_the_rounds_own_data_and_lobe() {
     let notes = ended["notes"].to_string();
     assert!(notes.contains("specular reflection: alpha"), "{notes}");
     code(&parts, 3, &[]);
-    for steps in 4..=8 {
+    for steps in [5, 7, 8] {
         code(&parts, steps, &["--resume"]);
     }
     assert_same_results(&whole, &parts);
