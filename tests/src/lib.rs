@@ -4,6 +4,7 @@ pub mod browser;
 pub mod capture_turned;
 pub mod colmap_model;
 pub mod lit_ball;
+pub mod painted;
 pub mod perfect;
 pub mod program;
 pub mod scenes;

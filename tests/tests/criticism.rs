@@ -1,9 +1,9 @@
 //! Effects planted in the model's own images are found, and at their null they change no bit.
 
-use std::sync::Arc;
+use std::{path::Path, sync::Arc};
 
 use eclipse::{
-    capture::{Capture, Frame},
+    capture::Capture,
     criticism::{
         Simulation,
         chain::{Chain, Link},
@@ -16,11 +16,12 @@ use eclipse::{
         transport::Lobe,
     },
 };
-use eclipse_tests::scenes::{add_sphere, interior};
-use glam::Vec3;
-use render::{
-    bvh::Bvh, camera::Camera, image::Image, lat_long::LatLong, mesh::Mesh, sampler::SampleKey,
+use eclipse_tests::{
+    painted,
+    scenes::{add_sphere, interior},
 };
+use glam::Vec3;
+use render::{camera::Camera, lat_long::LatLong, mesh::Mesh, sampler::SampleKey};
 
 const SIZE: usize = 48;
 const FRAMES: usize = 14;
@@ -39,46 +40,21 @@ fn heap() -> Mesh {
     mesh
 }
 
-/// A capture whose photographs are plausible pictures; the tests put the model's own values in their place.
+/// A capture whose photographs the tests replace by the model's own values.
 fn capture(ceiling: f32) -> Capture {
-    let mesh = heap();
-    let bvh = Bvh::new(&mesh).unwrap();
-    let frames = (0..FRAMES).map(|t| {
+    let cameras = (0..FRAMES).map(|t| {
         let azimuth = t as f32 / FRAMES as f32 * std::f32::consts::TAU;
         let height = 0.25 + 0.5 * ((t * 5) % FRAMES) as f32 / FRAMES as f32;
         let eye = 5.0 * Vec3::new(azimuth.cos(), azimuth.sin(), height).normalize();
-        let camera = Camera::look_at(SIZE, SIZE, 0.5, eye, Vec3::ZERO);
-        let mask = Image {
-            width: SIZE,
-            height: SIZE,
-            channels: 1,
-            data: bvh.coverage(&camera, 3),
-        };
-        let mut image = Image::filled(SIZE, SIZE, 3, 0.0);
-        for p in 0..SIZE * SIZE {
-            let (x, y) = ((p % SIZE) as f32 + 0.5, (p / SIZE) as f32 + 0.5);
-            if let Some((point, _)) = bvh.seen(&camera, x, y) {
-                let light = 0.35 + 0.25 * point.normal.dot(Vec3::new(0.3, -0.8, 0.5));
-                for c in 0..3 {
-                    let wave = (4.0 * point.position[c] + c as f32).sin();
-                    image.data[3 * p + c] = (light * (0.5 + 0.25 * wave)).min(ceiling);
-                }
-            }
-        }
-        Frame {
-            name: format!("{t:03}"),
-            camera,
-            image,
-            mask,
-        }
+        Camera::look_at(SIZE, SIZE, 0.5, eye, Vec3::ZERO)
     });
-    Capture {
-        lamps: None,
-        path: "heap".into(),
-        frames: frames.collect(),
-        mesh,
-        centre: Vec3::ZERO,
-    }
+    painted::capture(heap(), Path::new("heap"), cameras, |point| {
+        let light = 0.35 + 0.25 * point.normal.dot(Vec3::new(0.3, -0.8, 0.5));
+        [0, 1, 2].map(|c| {
+            let wave = (4.0 * point.position[c] + c as f32).sin();
+            (light * (0.5 + 0.25 * wave)).min(ceiling)
+        })
+    })
 }
 
 const LOBE: Option<Lobe> = Some(Lobe {

@@ -3,7 +3,7 @@
 use std::{fs, path::Path};
 
 use eclipse::{
-    capture::{Capture, Frame},
+    capture::Capture,
     criticism::{
         Simulation,
         axes::{Axis, axes},
@@ -17,10 +17,9 @@ use eclipse::{
     },
     image_io::write_exr,
 };
+use eclipse_tests::painted;
 use glam::Vec3;
-use render::{
-    bvh::Bvh, camera::Camera, image::Image, lat_long::LatLong, mesh::Mesh, sampler::SampleKey,
-};
+use render::{camera::Camera, image::Image, lat_long::LatLong, mesh::Mesh, sampler::SampleKey};
 
 const SIZE: usize = 48;
 const FRAMES: usize = 10;
@@ -46,41 +45,17 @@ fn sun_and_sky() -> Image {
     map
 }
 
-/// A capture of `mesh`, from all around, whose photographs are plausible pictures.
+/// A capture of `mesh`, from all around.
 fn capture(mesh: Mesh, path: &Path) -> Capture {
-    let bvh = Bvh::new(&mesh).unwrap();
-    let frames = (0..FRAMES).map(|t| {
+    let cameras = (0..FRAMES).map(|t| {
         let azimuth = t as f32 / FRAMES as f32 * std::f32::consts::TAU;
         let height = 0.2 + 0.5 * ((t * 3) % FRAMES) as f32 / FRAMES as f32;
         let eye = 5.0 * Vec3::new(azimuth.cos(), azimuth.sin(), height).normalize();
-        let camera = Camera::look_at(SIZE, SIZE, 0.5, eye, Vec3::ZERO);
-        let mask = Image {
-            width: SIZE,
-            height: SIZE,
-            channels: 1,
-            data: bvh.coverage(&camera, 3),
-        };
-        let mut image = Image::filled(SIZE, SIZE, 3, 0.0);
-        for (p, rgb) in image.data.chunks_exact_mut(3).enumerate() {
-            let (x, y) = ((p % SIZE) as f32 + 0.5, (p / SIZE) as f32 + 0.5);
-            if let Some((point, _)) = bvh.seen(&camera, x, y) {
-                rgb.fill(0.35 + 0.2 * point.normal.x);
-            }
-        }
-        Frame {
-            name: format!("{t:03}"),
-            camera,
-            image,
-            mask,
-        }
+        Camera::look_at(SIZE, SIZE, 0.5, eye, Vec3::ZERO)
     });
-    Capture {
-        lamps: None,
-        path: path.into(),
-        frames: frames.collect(),
-        mesh,
-        centre: Vec3::ZERO,
-    }
+    painted::capture(mesh, path, cameras, |point| {
+        [0.35 + 0.2 * point.normal.x; 3]
+    })
 }
 
 fn study(capture: &Capture) -> Study<'_> {

@@ -15,10 +15,9 @@ use super::{
     chain::Link,
     fit::{Fit, FitError},
     gram::Matrix,
-    linear::Cholesky,
     linearise::Jacobian,
-    reduce::{Layout, Reduced},
-    split::{FOLDS, Role},
+    reduce::{Layout, Reduced, System},
+    split::FOLDS,
     study::Study,
 };
 
@@ -31,17 +30,11 @@ pub fn standard_errors(
     fit: &Fit,
 ) -> Result<BTreeMap<&'static str, Vec<f64>>, FitError> {
     let jacobian = Jacobian::new(study, fit)?;
-    let layout = layout(study, &jacobian);
-    let matrix = |c: usize| {
-        let columns = jacobian.nuisance.columns.iter().chain(&jacobian.always);
-        let columns: Vec<&Vec<f32>> = columns.chain([&jacobian.residual]).collect();
-        let columns: Vec<Vec<f32>> = columns
-            .par_iter()
-            .map(|column| layout.rows.iter().map(|&i| column[3 * i + c]).collect())
-            .collect();
-        let all: Vec<usize> = (0..layout.rows.len()).collect();
-        Matrix::from_columns(&columns, &all)
-    };
+    let (nuisance, always) = (jacobian.nuisance.columns.len(), jacobian.always.len());
+    let layout = Layout::new(study, nuisance, always, std::iter::empty());
+    let columns = jacobian.nuisance.columns.iter().chain(&jacobian.always);
+    let columns: Vec<&Vec<f32>> = columns.chain([&jacobian.residual]).collect();
+    let matrix = |c: usize| Matrix::of_colour(&columns, &layout.rows, c);
     let errors = errors(matrix, &layout, &jacobian.always_bounds);
     // The columns of effects come last, in the order light meets them.
     let mut links: Vec<&Link> = fit.links.iter().collect();
@@ -57,27 +50,10 @@ pub fn standard_errors(
     Ok(links.into_iter().map(own).collect())
 }
 
-fn layout(study: &Study<'_>, jacobian: &Jacobian) -> Layout {
-    let (nuisance, always) = (jacobian.nuisance.columns.len(), jacobian.always.len());
-    let (mut rows, mut starts) = (Vec::new(), vec![0]);
-    for fold in 0..FOLDS {
-        let developed = |i: &usize| study.role[*i] == Role::Development(fold as u8);
-        rows.extend((0..study.seen.len()).filter(developed));
-        starts.push(rows.len());
-    }
-    Layout {
-        nuisance,
-        always,
-        own: Vec::new(),
-        columns: nuisance + always + 1,
-        rows,
-        starts,
-    }
-}
-
 /// Standard errors of the constant columns' coefficients, `matrix(colour)` having the columns of `layout` fold after fold.
 fn errors(matrix: impl Fn(usize) -> Matrix, layout: &Layout, bounds: &[[f64; 2]]) -> Vec<f64> {
     let size = layout.always;
+    let constants: Vec<usize> = (0..size).collect();
     let mut whole = System::zero(size);
     let mut without = vec![System::zero(size); FOLDS];
     // A colour at a time: its columns are all the memory that this takes.
@@ -88,13 +64,13 @@ fn errors(matrix: impl Fn(usize) -> Matrix, layout: &Layout, bounds: &[[f64; 2]]
         for fold in &folds {
             total.iter_mut().zip(fold).for_each(|(t, f)| *t += f);
         }
-        whole.add(&Reduced::new(&total, layout), layout);
+        whole.add(&Reduced::new(&total, layout), layout, &constants);
         let reduced: Vec<Reduced> = folds
             .par_iter()
             .map(|fold| Reduced::new(&left_out(&total, fold, layout), layout))
             .collect();
         for (system, reduced) in without.iter_mut().zip(&reduced) {
-            system.add(reduced, layout);
+            system.add(reduced, layout, &constants);
         }
     }
     let held: Vec<[f64; 2]> = bounds.iter().map(|bounds| free(*bounds)).collect();
@@ -137,50 +113,6 @@ fn left_out(total: &[f64], fold: &[f64], layout: &Layout) -> Vec<f64> {
         }
     }
     rest
-}
-
-/// Normal equations of the constant columns, the nuisance eliminated, summed over colours.
-#[derive(Clone)]
-struct System {
-    a: Vec<f64>,
-    b: Vec<f64>,
-}
-
-impl System {
-    /// The prior alone: deviations are units of the coefficients.
-    fn zero(size: usize) -> Self {
-        let mut a = vec![0.0; size * size];
-        (0..size).for_each(|i| a[i * size + i] = 1.0);
-        Self {
-            a,
-            b: vec![0.0; size],
-        }
-    }
-
-    fn add(&mut self, reduced: &Reduced, layout: &Layout) {
-        let size = layout.always;
-        for i in 0..size {
-            let row = &reduced.schur[i * reduced.later..(i + 1) * reduced.later];
-            for (a, product) in self.a[i * size..(i + 1) * size].iter_mut().zip(row) {
-                *a += product;
-            }
-            self.b[i] += row[size];
-        }
-    }
-
-    /// Roots of the inverse's diagonal.
-    fn errors(&self) -> Vec<f64> {
-        let size = self.b.len();
-        let mut inverse = vec![0.0; size * size];
-        (0..size).for_each(|i| inverse[i * size + i] = 1.0);
-        Cholesky::new(&self.a, size, size).forward(&mut inverse, size);
-        let variance = |j: usize| {
-            (0..size)
-                .map(|i| inverse[i * size + j].powi(2))
-                .sum::<f64>()
-        };
-        (0..size).map(|j| variance(j).sqrt()).collect()
-    }
 }
 
 /// The jackknife's standard errors of `size` numbers from the steps that leaving out each fold makes.

@@ -52,6 +52,26 @@ pub struct Finding {
     pub place: BTreeMap<String, serde_json::Value>,
 }
 
+#[cfg(test)]
+impl Finding {
+    /// One whose numbers do not matter, for tests of what is told.
+    pub(super) fn example(id: &'static str, ambiguous_with: Vec<&'static str>) -> Self {
+        Self {
+            id,
+            parameters: BTreeMap::new(),
+            standard_errors: BTreeMap::new(),
+            sealed_gain: 100.0,
+            sealed_gain_se: 10.0,
+            p_holm: 1e-6,
+            survival: 0.5,
+            size: 0.02,
+            minimum_detectable: 0.001,
+            ambiguous_with,
+            place: BTreeMap::new(),
+        }
+    }
+}
+
 /// A candidate of the first screening.
 #[derive(Clone, Debug, Serialize)]
 pub struct Ranked {

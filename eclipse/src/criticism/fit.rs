@@ -246,10 +246,11 @@ impl Fit {
         self.ideal = ws.output("value")?.to_vec();
         self.ideal.resize(3 * study.seen.len(), 0.0);
         let mut chain = Chain::new(&self.links, study.seen.len())?;
-        chain.bind(&self.ideal, &self.betas(study, &chain))?;
+        let betas = self.betas(study, &chain);
+        chain.bind(&self.ideal, &betas)?;
         self.value = chain.values()?;
         self.slope = chain.slope(study.seen.len())?;
-        self.evaluate_mean(study, &mut chain)
+        self.evaluate_mean(study, &mut chain, &betas)
     }
 
     /// Numbers of the active effects in the order of a chain.

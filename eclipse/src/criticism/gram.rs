@@ -18,7 +18,7 @@ const ROWS: usize = 48;
 
 impl Matrix {
     /// From its columns, of the rows that `rows` names.
-    pub fn from_columns(columns: &[Vec<f32>], rows: &[usize]) -> Self {
+    pub fn from_columns(columns: &[impl AsRef<[f32]> + Sync], rows: &[usize]) -> Self {
         let width = columns.len();
         let mut data = vec![0.0; width * rows.len()];
         data.par_chunks_mut(width.max(1) * 64)
@@ -26,7 +26,7 @@ impl Matrix {
             .for_each(|(out, rows)| {
                 for (out, &row) in out.chunks_exact_mut(width.max(1)).zip(rows) {
                     for (o, column) in out.iter_mut().zip(columns) {
-                        *o = column[row];
+                        *o = column.as_ref()[row];
                     }
                 }
             });
@@ -34,6 +34,12 @@ impl Matrix {
             columns: width,
             data,
         }
+    }
+
+    /// From columns that are `[observation][colour]`, of one colour on the observations that `rows` names.
+    pub fn of_colour(columns: &[impl AsRef<[f32]> + Sync], rows: &[usize], colour: usize) -> Self {
+        let values: Vec<usize> = rows.iter().map(|&i| 3 * i + colour).collect();
+        Self::from_columns(columns, &values)
     }
 
     /// How many rows.

@@ -6,6 +6,7 @@ use autodiff::LinearMap;
 use render::{lat_long::LatLong, maps::PyramidMap, pyramid::Pyramid};
 
 use super::transport::Number;
+use crate::reconstruct::pyramid::level_deviations;
 
 /// Standard deviations of the logarithm of radiance added by each level, finest first, as in the solver.
 const LIGHT_DEVIATIONS: [f32; 6] = [0.12, 0.25, 0.5, 0.8, 1.0, 1.0];
@@ -36,13 +37,7 @@ impl LightModel {
     pub fn environment(grid: LatLong, radiance: &[f32]) -> Self {
         let mean = radiance.iter().map(|&l| f64::from(l)).sum::<f64>() / radiance.len() as f64;
         let pyramid = Pyramid::new(grid, LIGHT_DEVIATIONS.len());
-        let count = pyramid.levels().len();
-        let mut deviation = vec![0.0; pyramid.len()];
-        for k in 0..count {
-            let sd = LIGHT_DEVIATIONS[(count - 1 - k).min(LIGHT_DEVIATIONS.len() - 1)];
-            // The pyramid's own weight 2ᵏ of a level is divided out.
-            deviation[pyramid.range(k)].fill(sd / (1u32 << k) as f32);
-        }
+        let deviation = level_deviations(&pyramid, &LIGHT_DEVIATIONS);
         Self {
             map: Arc::new(PyramidMap(pyramid)),
             deviation,

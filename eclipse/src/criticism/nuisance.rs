@@ -5,6 +5,8 @@
 //! curvature falls by a factor of a million, and conjugate gradients on their own would need hundreds of products to get to the end of
 //! each step. In the span of those directions the system is solved exactly instead, as it was when they were last looked for.
 
+use std::sync::OnceLock;
+
 use super::{
     confined::Inverse,
     fit::{Fit, FitError},
@@ -24,9 +26,12 @@ pub struct Nuisance {
     pub columns: Vec<Vec<f32>>,
     /// The observations of development.
     rows: Vec<usize>,
-    /// Their columns by colour, and the factor of the products of these plus the prior's.
-    colours: Vec<(Matrix, Cholesky)>,
+    /// Made when they are first solved with: screening alone never does.
+    colours: OnceLock<Vec<Colour>>,
 }
+
+/// One colour's columns on those rows, and the factor of their products plus the prior's.
+type Colour = (Matrix, Cholesky);
 
 impl Nuisance {
     /// At this fit, whitened by `precision`.
@@ -59,23 +64,24 @@ impl Nuisance {
         let rows: Vec<usize> = (0..study.seen.len())
             .filter(|&i| study.develops(i))
             .collect();
-        let colours = (0..3)
-            .map(|c| {
-                let matrix = matrix(&columns, &rows, c);
-                let n = columns.len();
-                let mut gram = vec![0.0; n * n];
-                matrix.products(0..rows.len(), 0..n, 0..n, &mut gram);
-                (0..n).for_each(|i| gram[i * n + i] += 1.0);
-                let factor = Cholesky::new(&gram, n, n);
-                (matrix, factor)
-            })
-            .collect();
         Ok(Self {
             basis,
             columns,
             rows,
-            colours,
+            colours: OnceLock::new(),
         })
+    }
+
+    fn colours(&self) -> &[Colour] {
+        let n = self.columns.len();
+        let colour = |c: usize| {
+            let matrix = Matrix::of_colour(&self.columns, &self.rows, c);
+            let mut gram = vec![0.0; n * n];
+            matrix.products(0..self.rows.len(), 0..n, 0..n, &mut gram);
+            (0..n).for_each(|i| gram[i * n + i] += 1.0);
+            (matrix, Cholesky::new(&gram, n, n))
+        };
+        self.colours.get_or_init(|| (0..3).map(colour).collect())
     }
 
     /// The same together with whitened columns of other numbers, one coefficient for all colours, whose priors have a deviation of one.
@@ -84,11 +90,11 @@ impl Nuisance {
         let mut among = vec![0.0; m * m];
         (0..m).for_each(|i| among[i * m + i] = 1.0);
         let half = self
-            .colours
+            .colours()
             .iter()
             .enumerate()
             .map(|(c, (own, factor))| {
-                let other = matrix(others, &self.rows, c);
+                let other = Matrix::of_colour(others, &self.rows, c);
                 other.products(0..self.rows.len(), 0..m, 0..m, &mut among);
                 let mut half = own.cross(&other);
                 factor.forward(&mut half, m);
@@ -112,12 +118,6 @@ impl Nuisance {
         found.hold(&vec![false; m]);
         found
     }
-}
-
-/// Columns of one colour on these rows.
-fn matrix(columns: &[Vec<f32>], rows: &[usize], c: usize) -> Matrix {
-    let indices: Vec<usize> = rows.iter().map(|&i| 3 * i + c).collect();
-    Matrix::from_columns(columns, &indices)
 }
 
 /// About the inverse of the products of light, texture and other numbers, their priors included.
@@ -157,7 +157,7 @@ impl Inverse for Preconditioner<'_> {
 
     /// Of light `[number][colour]`, texture `[bump][colour]` and the other numbers.
     fn apply(&self, v: &[f32]) -> Vec<f32> {
-        let basis = &self.nuisance.basis;
+        let (basis, colours) = (&self.nuisance.basis, self.nuisance.colours());
         let (all, directions) = (self.nuisance.columns.len(), basis.len());
         let bumps = all - directions;
         let m = self.others();
@@ -175,7 +175,7 @@ impl Inverse for Preconditioner<'_> {
                 let within: Vec<f64> = basis.iter().map(along).collect();
                 let mut part = within.clone();
                 part.extend(texture[c..].iter().step_by(3).map(|&x| f64::from(x)));
-                self.nuisance.colours[c].1.forward(&mut part, 1);
+                colours[c].1.forward(&mut part, 1);
                 for (row, x) in self.half[c].chunks_exact(m.max(1)).zip(&part) {
                     reduced.iter_mut().zip(row).for_each(|(r, h)| *r -= h * x);
                 }
@@ -196,7 +196,7 @@ impl Inverse for Preconditioner<'_> {
             for (row, x) in self.half[c].chunks_exact(m.max(1)).zip(&mut part) {
                 *x -= row.iter().zip(&moved).map(|(h, b)| h * b).sum::<f64>();
             }
-            self.nuisance.colours[c].1.backward(&mut part, 1);
+            colours[c].1.backward(&mut part, 1);
             // Beyond the directions the prior alone holds light.
             for ((row, solved), was) in basis.iter().zip(&part).zip(&within) {
                 let change = (solved - was) as f32;
@@ -233,22 +233,11 @@ mod tests {
         let third = 3.0f32.sqrt().recip();
         let basis = vec![vec![third; 3], vec![0.5f32.sqrt(), -(0.5f32.sqrt()), 0.0]];
         let columns: Vec<Vec<f32>> = (0..3).map(|k| wave(k, 3 * ROWS)).collect();
-        let rows: Vec<usize> = (0..ROWS).collect();
-        let colours = (0..3)
-            .map(|c| {
-                let matrix = matrix(&columns, &rows, c);
-                let mut gram = vec![0.0; 9];
-                matrix.products(0..ROWS, 0..3, 0..3, &mut gram);
-                (0..3).for_each(|i| gram[4 * i] += 1.0);
-                let factor = Cholesky::new(&gram, 3, 3);
-                (matrix, factor)
-            })
-            .collect();
         Nuisance {
             basis,
             columns,
-            rows,
-            colours,
+            rows: (0..ROWS).collect(),
+            colours: OnceLock::new(),
         }
     }
 

@@ -58,6 +58,7 @@ pub fn round(
     };
     let mut null = begin()?;
     null.refine(study, STEPS)?;
+    let precision = fit.precision(study, &|i| study.develops(i));
     let mut refits = Vec::new();
     for contender in contenders {
         let score = &contender.score;
@@ -68,7 +69,6 @@ pub fn round(
             let mut with = begin()?;
             with.add(effect(score.id)?, beta);
             with.relink(study)?;
-            let precision = fit.precision(study, &|i| study.develops(i));
             let cost = with.cost_under(study, &precision);
             Ok((with, cost))
         };

@@ -11,11 +11,10 @@ use super::{
     bounded::bounded,
     effects::Term,
     gram::Matrix,
-    linear::Cholesky,
     linearise::{Candidate, Jacobian},
     nuisance::Nuisance,
-    reduce::{Layout, Reduced},
-    split::{FOLDS, Role},
+    reduce::{Layout, Reduced, System},
+    split::FOLDS,
     statistics::{paired, sign_flips},
     study::Study,
 };
@@ -168,30 +167,8 @@ pub fn screen(study: &Study<'_>, jacobian: &Jacobian, candidates: &[Candidate]) 
 
 fn layout(study: &Study<'_>, jacobian: &Jacobian, candidates: &[Candidate]) -> Layout {
     let (nuisance, always) = (jacobian.nuisance.columns.len(), jacobian.always.len());
-    let mut next = nuisance + always + 1;
-    let own = candidates
-        .iter()
-        .map(|candidate| {
-            let range = next..next + candidate.columns.len();
-            next = range.end;
-            range
-        })
-        .collect();
-    let (mut rows, mut starts) = (Vec::new(), vec![0]);
-    for fold in 0..FOLDS {
-        rows.extend(
-            (0..study.seen.len()).filter(|&i| study.role[i] == Role::Development(fold as u8)),
-        );
-        starts.push(rows.len());
-    }
-    Layout {
-        nuisance,
-        always,
-        own,
-        columns: next,
-        rows,
-        starts,
-    }
+    let own = candidates.iter().map(|candidate| candidate.columns.len());
+    Layout::new(study, nuisance, always, own)
 }
 
 impl Colour {
@@ -204,12 +181,7 @@ impl Colour {
             .chain(std::iter::once(&jacobian.residual))
             .chain(candidates.iter().flat_map(|k| &k.columns))
             .collect();
-        let columns: Vec<Vec<f32>> = columns
-            .par_iter()
-            .map(|column| layout.rows.iter().map(|&i| column[3 * i + c]).collect())
-            .collect();
-        let all: Vec<usize> = (0..layout.rows.len()).collect();
-        let matrix = Matrix::from_columns(&columns, &all);
+        let matrix = Matrix::of_colour(&columns, &layout.rows, c);
         let size = layout.columns * layout.columns;
         let head = layout.residual() + 1;
         let mut total = vec![0.0; size];
@@ -253,34 +225,12 @@ fn solve(
                 .map(|t| [t.least, t.most].map(|bound| bound / t.scale)),
         );
     }
-    let size = columns.len();
-    let mut a = vec![0.0; size * size];
-    let mut b = vec![0.0; size];
+    let mut system = System::zero(columns.len());
     for part in reduced {
-        for (i, &ci) in columns.iter().enumerate() {
-            for (j, &cj) in columns.iter().enumerate() {
-                // Candidates' rows hold their own columns only; the head's rows hold all.
-                let (r, c) = if ci < cj { (ci, cj) } else { (cj, ci) };
-                a[i * size + j] += part.schur[r * part.later + c];
-            }
-            b[i] += part.schur[layout.always * part.later + ci];
-        }
+        system.add(part, layout, &columns);
     }
-    for i in 0..size {
-        a[i * size + i] += 1.0;
-    }
-    let beta = bounded(&a, &b, &bounds);
-    let factor = Cholesky::new(&a, size, size);
-    let mut identity = vec![0.0; size * size];
-    (0..size).for_each(|i| identity[i * size + i] = 1.0);
-    factor.forward(&mut identity, size);
-    let error = (layout.always.min(size)..size)
-        .map(|j| {
-            let variance: f64 = (0..size).map(|i| identity[i * size + j].powi(2)).sum();
-            variance.sqrt()
-        })
-        .collect();
-    (beta, error)
+    let beta = bounded(&system.a, &system.b, &bounds);
+    (beta, system.errors().split_off(layout.always))
 }
 
 /// ‖X̃β‖² / ‖Xβ‖².

@@ -128,38 +128,26 @@ pub fn moved(before: &Fit, after: &Fit) -> BTreeMap<String, f64> {
 mod tests {
     use super::*;
 
-    fn found(id: &'static str, ambiguous_with: Vec<&'static str>) -> Finding {
-        Finding {
-            id,
-            parameters: BTreeMap::new(),
-            standard_errors: BTreeMap::new(),
-            sealed_gain: 100.0,
-            sealed_gain_se: 10.0,
-            p_holm: 1e-6,
-            survival: 0.5,
-            size: 0.02,
-            minimum_detectable: 0.001,
-            ambiguous_with,
-            place: BTreeMap::new(),
-        }
-    }
-
     #[test]
     fn a_common_exponent_is_told_where_two_share_it() {
         let told = |found: &[Finding]| shared_exponent(found);
         assert!(told(&[]).is_none());
-        assert!(told(&[found("vignetting", vec!["medium"])]).is_none());
+        assert!(told(&[Finding::example("vignetting", vec!["medium"])]).is_none());
         // Rivals of something else are no reason.
-        let other = found("moving_occluder", vec!["exposure_drift", "response_curve"]);
+        let other = Finding::example("moving_occluder", vec!["exposure_drift", "response_curve"]);
         assert!(told(&[other]).is_none());
-        let rival = told(&[found("vignetting", vec!["medium", "response_curve"])]).unwrap();
+        let rival = told(&[Finding::example(
+            "vignetting",
+            vec!["medium", "response_curve"],
+        )])
+        .unwrap();
         assert!(
             rival.starts_with("Read response_curve and vignetting together"),
             "{rival}"
         );
         let all = [
-            found("exposure_drift", Vec::new()),
-            found("response_curve", vec!["vignetting"]),
+            Finding::example("exposure_drift", Vec::new()),
+            Finding::example("response_curve", vec!["vignetting"]),
         ];
         let all = told(&all).unwrap();
         assert!(

@@ -165,19 +165,7 @@ mod tests {
     use super::*;
 
     fn found(ambiguous_with: Vec<&'static str>) -> Finding {
-        Finding {
-            id: "vignetting",
-            parameters: Default::default(),
-            standard_errors: Default::default(),
-            sealed_gain: 100.0,
-            sealed_gain_se: 10.0,
-            p_holm: 1e-6,
-            survival: 0.5,
-            size: 0.02,
-            minimum_detectable: 0.001,
-            ambiguous_with,
-            place: Default::default(),
-        }
+        Finding::example("vignetting", ambiguous_with)
     }
 
     fn of(found: &[Finding], structured: [f64; 2]) -> Grounds<'_> {

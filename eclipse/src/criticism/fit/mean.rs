@@ -21,11 +21,12 @@ pub struct Mean {
 }
 
 impl Fit {
-    /// Recomputes it; `chain` holds the effects in the model.
+    /// Recomputes it; `chain` holds the effects in the model, and these are their numbers.
     pub(super) fn evaluate_mean(
         &mut self,
         study: &Study<'_>,
         chain: &mut Chain,
+        betas: &[Vec<f64>],
     ) -> Result<(), FitError> {
         let own = &self.parameters.deviation;
         let pairs = self.albedo.iter().zip(own);
@@ -37,7 +38,7 @@ impl Fit {
                 self.mean.ideal[3 * v + c] -= own * self.diffuse[3 * v + c];
             }
         }
-        chain.bind(&self.mean.ideal, &self.betas(study, chain))?;
+        chain.bind(&self.mean.ideal, betas)?;
         self.mean.value = chain.values()?;
         self.mean.slope = chain.slope(study.seen.len())?;
         Ok(())
