@@ -175,6 +175,7 @@ impl Fit {
             value: &self.mean.ideal,
             renders: &study.renders,
             radius: study.radius,
+            active: &self.active,
         }
     }
 
@@ -316,14 +317,6 @@ impl Fit {
         self.active.iter().filter_map(of).reduce(|one, other| {
             Box::new(move |view, source| one(view, source) * other(view, source))
         })
-    }
-
-    /// What such a transport is behind the occluders of the model.
-    fn occluded(&self, study: &Study<'_>, bare: Transport) -> Transport {
-        match self.passing(study) {
-            None => bare,
-            Some(passing) => bare.masked(passing),
-        }
     }
 
     /// Image formation with lamps and occluders as they are now.

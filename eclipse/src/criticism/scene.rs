@@ -4,6 +4,7 @@ use glam::Vec3;
 use render::{bvh::Bvh, image::Image};
 
 use super::{
+    fit::Active,
     horizon::Horizon,
     observe::Observations,
     transport::{Lobe, Transport},
@@ -40,9 +41,17 @@ pub struct Scene<'a> {
     pub renders: &'a [Image],
     /// Radius of the object's bounding sphere.
     pub radius: f32,
+    /// Effects in the model.
+    pub active: &'a [Active],
 }
 
 impl Scene<'_> {
+    /// The numbers of an effect in the model; none where it is not in there.
+    pub fn numbers(&self, id: &str) -> &[f64] {
+        let own = self.active.iter().find(|active| active.effect.id() == id);
+        own.map_or(&[], |active| &active.beta)
+    }
+
     /// Numbers in a field: three an observation.
     pub fn size(&self) -> usize {
         3 * self.seen.len()

@@ -7,8 +7,8 @@ use render::occluder::shell_direction;
 use super::{Effect, Mask, Passing, Stage, Term, support::CameraGrid};
 use crate::criticism::{horizon::Horizon, observe::Observations, scene::Scene};
 
-/// 1 − m_t(ω), m ≥ 0: opacity of the cells of a grid that turns with the camera, on the shell at the camera's distance, and more
-/// of it in broad parts behind the camera frame by frame, since people do not stand still.
+/// (1 − m(ω)) (1 − m_t(ω)), 0 ≤ m ≤ 1: opacity of the cells of a grid that turns with the camera, on the shell at the camera's
+/// distance, and more of it in broad parts behind the camera frame by frame, since people do not stand still.
 ///
 /// Opacity is linear in the image, so that its gradient does not vanish where nothing is blocked yet.
 pub struct MovingOccluder;
@@ -27,16 +27,23 @@ impl Effect for MovingOccluder {
         &["exposure_drift", "moving_light", "occluder_bounce"]
     }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
-        let mut fields = blocked_light(scene, |texel, c| scene.radiance[3 * texel + c]);
-        fields
-            .iter_mut()
-            .flatten()
-            .for_each(|light| *light = -*light);
+        let opacity: Vec<f32> = scene.numbers(self.id()).iter().map(|b| *b as f32).collect();
+        let left = |k: usize| 1.0 - opacity.get(k).copied().unwrap_or(0.0);
+        // What the other of both factors lets pass is what a number can still take.
+        let fields = blocked_light(scene, |view, from_cell, texel, c| {
+            let own = CameraGrid::part(from_cell).map_or(1.0, |part| {
+                left(number_in_frame(scene.seen.views[view].frame, part))
+            });
+            -own * scene.radiance[3 * texel + c]
+        });
+        let whole = blocked_light(scene, |_, from_cell, texel, c| {
+            -left(from_cell) * scene.radiance[3 * texel + c]
+        });
         let own = (0..scene.seen.frames as u32)
             .flat_map(|t| (0..CameraGrid::PARTS).map(move |part| (t, part)));
         let own: Vec<Term> = own
             .map(|(t, part)| {
-                let field = in_frame(scene, &fields, t, part);
+                let field = in_frame(scene, &whole, t, part);
                 let name = format!(
                     "further opacity {} in frame {t}",
                     CameraGrid::part_name(part)
@@ -64,11 +71,9 @@ impl Effect for MovingOccluder {
         Some(Box::new(move |frame, from| {
             let cell = CameraGrid::cell(from, azimuths[frame]);
             let at = |k: usize| opacity.get(k).copied().unwrap_or(0.0);
-            let own = CameraGrid::part(cell).map_or(0.0, |part| {
-                at(CameraGrid::CELLS + frame * CameraGrid::PARTS + part)
-            });
-            // The sum, whose derivatives are the fields; nothing is more than opaque.
-            (1.0 - at(cell) - own).max(0.0)
+            let own = CameraGrid::part(cell)
+                .map_or(0.0, |part| at(number_in_frame(frame as u32, part)));
+            (1.0 - at(cell)) * (1.0 - own)
         }))
     }
     fn passing(&self, horizon: &Horizon, seen: &Observations, beta: &[f64]) -> Option<Passing> {
@@ -88,6 +93,11 @@ impl Effect for MovingOccluder {
             mask(frame, shell_direction(point, directions[texel], radius))
         }))
     }
+}
+
+/// Which number is the opacity of a part behind the camera in one frame.
+fn number_in_frame(frame: u32, part: usize) -> usize {
+    CameraGrid::CELLS + frame as usize * CameraGrid::PARTS + part
 }
 
 /// The light that a part behind the camera sends to the views of one frame, from that of the cells.
@@ -115,10 +125,10 @@ pub(super) fn azimuths(seen: &Observations) -> Vec<[f32; 2]> {
         .collect()
 }
 
-/// For every cell of the camera's grid, what light of radiance `light(texel, colour)` from it adds to each view.
-pub(super) fn blocked_light(
+/// For every cell of the camera's grid, what light of radiance `light(view, cell, texel, colour)` from it adds to each view.
+fn blocked_light(
     scene: &Scene<'_>,
-    light: impl Fn(usize, usize) -> f32 + Sync,
+    light: impl Fn(usize, usize, usize, usize) -> f32 + Sync,
 ) -> Vec<Vec<f32>> {
     let azimuths = azimuths(scene.seen);
     let per_view: Vec<Vec<[f32; 3]>> = (0..scene.seen.views.len())
@@ -131,9 +141,10 @@ pub(super) fn blocked_light(
             let mut cells = vec![[0.0f32; 3]; CameraGrid::CELLS];
             for (texel, [d, s]) in scene.bare.row(v) {
                 let from = shell_direction(point, scene.horizon.directions[texel], eye.length());
-                let sum = &mut cells[CameraGrid::cell(from, azimuths[view.frame as usize])];
+                let cell = CameraGrid::cell(from, azimuths[view.frame as usize]);
+                let sum = &mut cells[cell];
                 for c in 0..3 {
-                    sum[c] += (albedo[c] * d + s) * light(texel, c);
+                    sum[c] += (albedo[c] * d + s) * light(v, cell, texel, c);
                 }
             }
             cells

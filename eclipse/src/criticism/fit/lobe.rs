@@ -1,10 +1,15 @@
 //! The specular lobe as a part of the nuisance.
 
+use rayon::prelude::*;
+
 use super::{Fit, FitError, Study};
-use crate::criticism::{scene::Scene, transport::Lobe};
+use crate::criticism::transport::{Lobe, reflect};
 
 /// What is expected of the lobe: α = 0.45 within a factor, κ = 0.04.
 const LOBE_PRIOR: [(f32, f32); 2] = [(-0.8, 0.6), (0.04, 0.03)];
+
+/// The largest change of κ a step may make.
+const LARGEST_STEP: f32 = 0.1;
 
 impl Fit {
     /// Differences of renders under slightly other lobes, in units of the prior, with where the present lobe lies in it.
@@ -12,46 +17,62 @@ impl Fit {
         let Some(own) = self.lobe else {
             return Ok(Vec::new());
         };
-        let value = |lobe: Lobe| {
-            let transport = self.occluded(study, study.transport(&self.horizon, Some(lobe)));
-            let scene = Scene {
-                transport: &transport,
-                bare: &transport,
-                ..self.scene(study)
-            };
-            scene.lit_by(&self.radiance)
-        };
         let [(_, log_sd), (_, kappa_sd)] = LOBE_PRIOR;
         let step = 0.05f32;
-        let wide = value(Lobe {
-            alpha: own.alpha * step.exp(),
-            ..own
-        });
-        let narrow = value(Lobe {
-            alpha: own.alpha * (-step).exp(),
-            ..own
-        });
         let low = (own.kappa - 0.01).max(0.0);
         let high = own.kappa + 0.01;
-        let (more, less) = (
-            value(Lobe { kappa: high, ..own }),
-            value(Lobe { kappa: low, ..own }),
+        let of_alpha = |alpha: f32| Lobe { alpha, ..own };
+        let of_kappa = |kappa: f32| Lobe { kappa, ..own };
+        let [wide, narrow, more, less] = self.under_lobes(
+            study,
+            [
+                of_alpha(own.alpha * step.exp()),
+                of_alpha(own.alpha * (-step).exp()),
+                of_kappa(high),
+                of_kappa(low),
+            ],
         );
         let difference = |a: &[f32], b: &[f32], scale: f32| -> Vec<f32> {
             (0..a.len())
                 .map(|i| self.mean.slope[i] * scale * (a[i] - b[i]))
                 .collect()
         };
+        let [alpha, kappa] = unusual(own);
         Ok(vec![
-            (
-                difference(&wide, &narrow, log_sd / (2.0 * step)),
-                unusual(own)[0],
-            ),
-            (
-                difference(&more, &less, kappa_sd / (high - low)),
-                unusual(own)[1],
-            ),
+            (difference(&wide, &narrow, log_sd / (2.0 * step)), alpha),
+            (difference(&more, &less, kappa_sd / (high - low)), kappa),
         ])
+    }
+
+    /// The ideal values under other lobes, all in one pass over the light that reaches the views.
+    fn under_lobes(&self, study: &Study<'_>, lobes: [Lobe; 4]) -> [Vec<f32>; 4] {
+        let seen = &study.seen;
+        let passing = self.passing(study);
+        let of_view = |v: usize| {
+            let view = &seen.views[v];
+            let site = view.site as usize;
+            let normal = seen.sites[site].point.normal;
+            let outgoing = seen.outgoing(view);
+            let albedo = &self.mean.albedo[3 * site..][..3];
+            let mut sums = [[0.0f32; 3]; 4];
+            for (source, weight, incident) in self.horizon.row(seen, view) {
+                let share = passing.as_ref().map_or(1.0, |pass| pass(v, source));
+                let light = &self.radiance[3 * source..][..3];
+                for (sum, lobe) in sums.iter_mut().zip(lobes) {
+                    let (d, s) = reflect(Some(lobe), normal, incident, outgoing);
+                    for c in 0..3 {
+                        sum[c] += share * weight * (albedo[c] * d + s) * light[c];
+                    }
+                }
+            }
+            sums
+        };
+        let views: Vec<[[f32; 3]; 4]> = (0..seen.views.len()).into_par_iter().map(of_view).collect();
+        [0, 1, 2, 3].map(|lobe| {
+            let mut values: Vec<f32> = views.iter().flat_map(|sums| sums[lobe]).collect();
+            values.resize(3 * seen.len(), 0.0);
+            values
+        })
     }
 }
 
@@ -71,6 +92,6 @@ pub(super) fn moved(lobe: Lobe, alpha: f32, kappa: f32) -> Lobe {
     Lobe {
         alpha: log.exp().clamp(0.08, 1.0),
         // Some reflection is left, so that its width keeps a slope.
-        kappa: (lobe.kappa + (kappa * kappa_sd).clamp(-0.02, 0.02)).clamp(0.004, 0.9),
+        kappa: (lobe.kappa + (kappa * kappa_sd).clamp(-LARGEST_STEP, LARGEST_STEP)).clamp(0.004, 0.9),
     }
 }
