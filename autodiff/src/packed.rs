@@ -18,6 +18,10 @@ pub trait Packed: Copy {
     fn packs_mut<S: Simd>(x: &mut [Self]) -> (&mut [Self::Pack<S>], &mut [Self]);
     /// The same scalar in all places.
     fn splat<S: Simd>(simd: S, x: Self) -> Self::Pack<S>;
+    /// A slice shorter than a register, and zeros.
+    fn load_part<S: Simd>(simd: S, x: &[Self]) -> Self::Pack<S>;
+    /// Writes the first elements of a register to a slice shorter than it.
+    fn store_part<S: Simd>(simd: S, x: &mut [Self], pack: Self::Pack<S>);
     /// `a * b + c`
     fn fma<S: Simd>(simd: S, a: Self::Pack<S>, b: Self::Pack<S>, c: Self::Pack<S>)
     -> Self::Pack<S>;
@@ -28,7 +32,7 @@ pub trait Packed: Copy {
 }
 
 macro_rules! packed {
-    ($t:ty, $pack:ident, $as:ident, $as_mut:ident, $splat:ident, $fma:ident, $add:ident, $sum:ident) => {
+    ($t:ty, $pack:ident, $as:ident, $as_mut:ident, $splat:ident, $load:ident, $store:ident, $fma:ident, $add:ident, $sum:ident) => {
         impl Packed for $t {
             const PACKED: bool = true;
             type Pack<S: Simd> = S::$pack;
@@ -43,6 +47,14 @@ macro_rules! packed {
             #[inline(always)]
             fn splat<S: Simd>(simd: S, x: Self) -> S::$pack {
                 simd.$splat(x)
+            }
+            #[inline(always)]
+            fn load_part<S: Simd>(simd: S, x: &[Self]) -> S::$pack {
+                simd.$load(x)
+            }
+            #[inline(always)]
+            fn store_part<S: Simd>(simd: S, x: &mut [Self], pack: S::$pack) {
+                simd.$store(x, pack)
             }
             #[inline(always)]
             fn fma<S: Simd>(simd: S, a: S::$pack, b: S::$pack, c: S::$pack) -> S::$pack {
@@ -65,6 +77,8 @@ packed!(
     as_simd_f32s,
     as_mut_simd_f32s,
     splat_f32s,
+    partial_load_f32s,
+    partial_store_f32s,
     mul_add_e_f32s,
     add_f32s,
     reduce_sum_f32s
@@ -75,6 +89,8 @@ packed!(
     as_simd_f64s,
     as_mut_simd_f64s,
     splat_f64s,
+    partial_load_f64s,
+    partial_store_f64s,
     mul_add_e_f64s,
     add_f64s,
     reduce_sum_f64s
@@ -94,6 +110,15 @@ impl<T: Real> Packed for Dual<T> {
     #[inline(always)]
     fn splat<S: Simd>(_: S, x: Self) -> Self {
         x
+    }
+    #[inline(always)]
+    fn load_part<S: Simd>(_: S, x: &[Self]) -> Self {
+        // A register holds one number: no slice is shorter, except an empty one.
+        x.first().copied().unwrap_or_default()
+    }
+    #[inline(always)]
+    fn store_part<S: Simd>(_: S, x: &mut [Self], pack: Self) {
+        x.iter_mut().for_each(|x| *x = pack);
     }
     #[inline(always)]
     fn fma<S: Simd>(_: S, a: Self, b: Self, c: Self) -> Self {

@@ -164,32 +164,50 @@ impl<R: Lane> State<R> {
             + self.column.bytes()
     }
 
+    /// The tangents of moving nodes where all values are those of what is bound already: linear maps, which are the most of many
+    /// programs, are not applied to values again, and phases in which nothing moves are left out.
+    pub fn tangents(&mut self, program: &Program) {
+        self.mark_moving(program);
+        for (p, phase) in program.phases.iter().enumerate() {
+            if !phase.nodes.iter().any(|&id| self.moving[id]) {
+                continue;
+            }
+            match phase.body {
+                Body::Map => self.map(program, phase.nodes[0], true),
+                _ => self.forward_phase(program, p, true),
+            }
+        }
+    }
+
     /// Computes all values, and the tangents of moving nodes when asked to.
     pub fn forward(&mut self, program: &Program, tangents: bool) {
         if tangents {
-            for (id, node) in program.nodes.iter().enumerate() {
-                if !node.op.is_leaf() {
-                    self.moving[id] =
-                        node.active && node.inputs.iter().any(|&input| self.moving[input]);
-                }
-                if program.whole[id] && self.moving[id] && !node.op.is_leaf() {
-                    let len = self.len(id);
-                    own(&mut self.tangents[id]).ensure(len);
-                }
-            }
-        }
-        if tangents {
-            for &(_, id) in &program.outputs {
-                if !self.moving[id] {
-                    let len = self.len(id);
-                    let still = own(&mut self.tangents[id]);
-                    still.ensure(len);
-                    still.as_mut_slice().fill(R::default());
-                }
-            }
+            self.mark_moving(program);
         }
         for p in 0..program.phases.len() {
             self.forward_phase(program, p, tangents);
+        }
+    }
+
+    /// Marks what moves with the parameters that do and makes room for its tangents; outputs that stand still have none.
+    fn mark_moving(&mut self, program: &Program) {
+        for (id, node) in program.nodes.iter().enumerate() {
+            if !node.op.is_leaf() {
+                self.moving[id] =
+                    node.active && node.inputs.iter().any(|&input| self.moving[input]);
+            }
+            if program.whole[id] && self.moving[id] && !node.op.is_leaf() {
+                let len = self.len(id);
+                own(&mut self.tangents[id]).ensure(len);
+            }
+        }
+        for &(_, id) in &program.outputs {
+            if !self.moving[id] {
+                let len = self.len(id);
+                let still = own(&mut self.tangents[id]);
+                still.ensure(len);
+                still.as_mut_slice().fill(R::default());
+            }
         }
     }
 

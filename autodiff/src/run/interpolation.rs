@@ -100,25 +100,30 @@ impl<R: Real, const N: usize> Kernel for Interpolate<'_, R, N> {
                 rows[k] = (&self.table[i..i + axis], corners[k].1[lane]);
             }
             let (packs, rest) = R::packs_mut::<S>(target);
-            let first = axis - rest.len();
+            let (n, zero) = (packs.len(), R::splat(simd, R::default()));
+            let (row, part) = R::packs::<S>(&self.table[..0]);
+            let mut parts = [(row, part, zero); N];
+            for k in 0..N {
+                let (row, part) = R::packs::<S>(rows[k].0);
+                parts[k] = (&row[..n], part, R::splat(simd, rows[k].1));
+            }
             for (j, target) in packs.iter_mut().enumerate() {
-                let mut sum = if self.add {
-                    *target
-                } else {
-                    R::splat(simd, R::default())
-                };
-                for (row, weight) in rows {
-                    let row = R::packs::<S>(row).0;
-                    sum = R::fma(simd, R::splat(simd, weight), row[j], sum);
+                let mut sum = if self.add { *target } else { zero };
+                for (row, _, weight) in parts {
+                    sum = R::fma(simd, weight, row[j], sum);
                 }
                 *target = sum;
             }
-            for (j, target) in rest.iter_mut().enumerate() {
-                let mut sum = if self.add { *target } else { R::default() };
-                for (row, weight) in rows {
-                    sum = weight.mul_add::<S>(row[first + j], sum);
+            if !rest.is_empty() {
+                let mut sum = if self.add {
+                    R::load_part(simd, rest)
+                } else {
+                    zero
+                };
+                for (_, part, weight) in parts {
+                    sum = R::fma(simd, weight, R::load_part(simd, part), sum);
                 }
-                *target = sum;
+                R::store_part(simd, rest, sum);
             }
         }
     }
@@ -174,8 +179,10 @@ impl<R: Real> Kernel for ScatterWeighted<'_, R> {
                 for (t, x) in target.iter_mut().zip(source) {
                     *t = R::fma(simd, factor, *x, *t);
                 }
-                for (t, x) in rest.iter_mut().zip(source_rest) {
-                    *t = weight.mul_add::<S>(*x, *t);
+                if !rest.is_empty() {
+                    let x = R::load_part(simd, source_rest);
+                    let sum = R::fma(simd, factor, x, R::load_part(simd, rest));
+                    R::store_part(simd, rest, sum);
                 }
             }
         }

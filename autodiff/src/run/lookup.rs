@@ -183,20 +183,25 @@ fn gather_colors<R: Real>(table: &[R], pitch: usize, index: &[u32], block: &mut 
     let (red, rest) = block.split_at_mut(pitch);
     let (green, blue) = rest.split_at_mut(pitch);
     let (rows, _) = table.as_chunks::<PADDED>();
+    let (groups, rest) = index.as_chunks::<GROUP>();
+    let whole = groups.len() * GROUP;
     let mut found = [[R::default(); PADDED]; GROUP];
-    for (k, group) in index.chunks(GROUP).enumerate() {
-        let n = group.len();
+    for (k, group) in groups.iter().enumerate() {
         for (row, &i) in found.iter_mut().zip(group) {
             *row = rows[i as usize];
         }
-        let at = k * GROUP..k * GROUP + n;
+        let at = k * GROUP..(k + 1) * GROUP;
         let (red, green) = (&mut red[at.clone()], &mut green[at.clone()]);
-        let (blue, found) = (&mut blue[at], &found[..n]);
-        for i in 0..n {
+        let blue = &mut blue[at];
+        for i in 0..GROUP {
             red[i] = found[i][0];
             green[i] = found[i][1];
             blue[i] = found[i][2];
         }
+    }
+    for (i, &at) in (whole..).zip(rest) {
+        let row = rows[at as usize];
+        (red[i], green[i], blue[i]) = (row[0], row[1], row[2]);
     }
 }
 
@@ -242,17 +247,36 @@ pub(super) fn scatter_rows<R: Real>(table: &mut [R], rows: Rows, index: &[u32], 
     }
 }
 
+/// Shares side by side first, which is a loop of vectors, then one row after another.
 #[inline(always)]
 fn scatter_colors<R: Real>(table: &mut [R], pitch: usize, index: &[u32], block: &[R]) {
     let n = index.len();
     let (red, green) = (&block[..n], &block[pitch..pitch + n]);
     let blue = &block[2 * pitch..2 * pitch + n];
     let (rows, _) = table.as_chunks_mut::<PADDED>();
-    for (i, &at) in index.iter().enumerate() {
-        let row = &mut rows[at as usize];
-        let share = [red[i], green[i], blue[i], R::default()];
-        for c in 0..PADDED {
-            row[c] = row[c] + share[c];
+    let (groups, rest) = index.as_chunks::<GROUP>();
+    let whole = groups.len() * GROUP;
+    let mut shares = [[R::default(); PADDED]; GROUP];
+    for (k, group) in groups.iter().enumerate() {
+        let at = k * GROUP..(k + 1) * GROUP;
+        let (red, green) = (&red[at.clone()], &green[at.clone()]);
+        let blue = &blue[at];
+        for i in 0..GROUP {
+            shares[i] = [red[i], green[i], blue[i], R::default()];
         }
+        for (share, &i) in shares.iter().zip(group) {
+            add_share(&mut rows[i as usize], share);
+        }
+    }
+    for (i, &at) in (whole..).zip(rest) {
+        let share = [red[i], green[i], blue[i], R::default()];
+        add_share(&mut rows[at as usize], &share);
+    }
+}
+
+#[inline(always)]
+fn add_share<R: Real>(row: &mut [R; PADDED], share: &[R; PADDED]) {
+    for c in 0..PADDED {
+        row[c] = row[c] + share[c];
     }
 }

@@ -17,6 +17,7 @@ mod inspect;
 mod interpolation;
 mod lane;
 mod linear;
+mod list;
 mod lookup;
 mod maps;
 mod matmul;

@@ -23,6 +23,9 @@ pub trait Engine: Lane {
     fn forward(state: &mut State<Self>, program: &Program, tangents: bool);
     #[doc(hidden)]
     #[allow(private_interfaces)]
+    fn tangents(state: &mut State<Self>, program: &Program);
+    #[doc(hidden)]
+    #[allow(private_interfaces)]
     fn reverse(state: &mut State<Self>, program: &Program);
     #[doc(hidden)]
     #[allow(private_interfaces)]
@@ -44,6 +47,9 @@ macro_rules! engine {
             }
             fn forward(state: &mut State<Self>, program: &Program, tangents: bool) {
                 state.forward(program, tangents)
+            }
+            fn tangents(state: &mut State<Self>, program: &Program) {
+                state.tangents(program)
             }
             fn reverse(state: &mut State<Self>, program: &Program) {
                 state.reverse(program, 0..program.phases.len(), None)
@@ -118,7 +124,7 @@ impl Program {
     }
 
     /// Jacobian-vector product: the derivative of all outputs along a direction in parameter space; parameters not named
-    /// stand still. Computes values too. Read it with [`Workspace::tangent`].
+    /// stand still. Computes values too if something was bound since they last were. Read it with [`Workspace::tangent`].
     ///
     /// # Errors
     /// As [`Program::forward`]; an unknown parameter; a direction of the wrong length.
@@ -138,8 +144,12 @@ impl Program {
             ws.tangent_of(id).copy_from_slice(tangent);
             ws.state.moving[id] = true;
         }
-        S::forward(&mut ws.state, self, true);
-        ws.fresh = true;
+        if ws.fresh {
+            S::tangents(&mut ws.state, self);
+        } else {
+            S::forward(&mut ws.state, self, true);
+            ws.fresh = true;
+        }
         Ok(())
     }
 

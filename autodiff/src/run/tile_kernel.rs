@@ -3,6 +3,7 @@
 use pulp::Simd;
 
 use super::chunk::Span;
+use super::list::list;
 use super::lookup::{Rows, gather_rows, scatter_rows};
 use super::plan::{Adjoints, Values};
 use super::rows::{PARTIALS, spread, total, whole_sum};
@@ -101,8 +102,8 @@ impl<R: Real> Kernel for Forward<'_, R> {
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
         let mut block = self.block;
-        let mut found = [Part::default(); TILE];
-        let mut parts = Parts::new(block.segments, block.start, &mut found);
+        list!(found, parts_of(&block), Part::default(), TILE);
+        let mut parts = Parts::new(block.segments, block.start, found);
         for at in (0..block.len).step_by(TILE) {
             let len = TILE.min(block.len - at);
             if block.by_segments {
@@ -120,10 +121,8 @@ impl<R: Real> Kernel for Forward<'_, R> {
             }
             for (sum, target) in self.sums.iter().zip(&mut *self.accumulations) {
                 let first = block.start + at - block.span.lanes.start;
-                for c in 0..sum.channels {
-                    let row = &rows[sum.row + c][..len];
-                    accumulate(*sum, c, row, first, &parts, block.span, target);
-                }
+                let rows = &rows[sum.row..sum.row + sum.channels];
+                accumulate(*sum, rows, len, first, &parts, block.span, target);
             }
         }
     }
@@ -150,8 +149,8 @@ impl<R: Real> Kernel for Reverse<'_, R> {
     fn run<S: Simd>(self, _: S) {
         let (mut block, plan) = (self.block, self.plan);
         let (adjoints, _) = self.adjoint_rows.as_chunks_mut::<TILE>();
-        let mut found = [Part::default(); TILE];
-        let mut parts = Parts::new(block.segments, block.start, &mut found);
+        list!(found, parts_of(&block), Part::default(), TILE);
+        let mut parts = Parts::new(block.segments, block.start, found);
         for at in (0..block.len).step_by(TILE) {
             let len = TILE.min(block.len - at);
             if block.by_segments {
@@ -199,9 +198,7 @@ impl<R: Real> Kernel for Reverse<'_, R> {
                             segments: true,
                             mean: false,
                         };
-                        for c in 0..scatter.channels {
-                            accumulate(sum, c, &rows[c][..len], 0, &parts, block.span, target);
-                        }
+                        accumulate(sum, rows, len, 0, &parts, block.span, target);
                     }
                     Lookup::Table { index, .. } => {
                         let shape = table_rows(scatter.channels);
@@ -222,10 +219,20 @@ fn table_rows(channels: usize) -> Rows {
     }
 }
 
+/// The most parts that a tile has.
+#[inline(always)]
+fn parts_of<R>(block: &Block<R>) -> usize {
+    match (block.by_segments, block.segments) {
+        (false, _) => 0,
+        (true, Segments::Fixed(lanes)) => TILE / lanes.max(&1) + 2,
+        (true, Segments::Offsets(_)) => TILE,
+    }
+}
+
 /// The parts of segments in a tile.
 struct Parts<'a> {
     pieces: Pieces<'a>,
-    found: &'a mut [Part; TILE],
+    found: &'a mut [Part],
     count: usize,
     first: usize,
 }
@@ -238,14 +245,27 @@ struct Part {
     end: usize,
     /// Lanes of the segment before this part.
     phase: usize,
-    /// Lanes of the segment, and one over them.
+    /// Lanes of the segment.
     len: usize,
-    share: f64,
+}
+
+impl Part {
+    /// One over the lanes of the segment.
+    #[inline(always)]
+    fn share(&self) -> f64 {
+        1.0 / self.len as f64
+    }
+
+    /// Whether this is all of a tile.
+    #[inline(always)]
+    fn is_tile(&self) -> bool {
+        self.end - self.start == TILE
+    }
 }
 
 impl<'a> Parts<'a> {
     #[inline(always)]
-    fn new(segments: &'a Segments, start: usize, found: &'a mut [Part; TILE]) -> Self {
+    fn new(segments: &'a Segments, start: usize, found: &'a mut [Part]) -> Self {
         Parts {
             pieces: segments.pieces(start, 1),
             found,
@@ -271,7 +291,6 @@ impl<'a> Parts<'a> {
                 end: lanes.end - self.first,
                 phase: lanes.start - segment.start,
                 len: segment.len(),
-                share: 1.0 / segment.len() as f64,
             };
             self.count += 1;
         }
@@ -322,7 +341,7 @@ fn fill<R: Real>(
 /// Writes a value to the lanes of a part.
 #[inline(always)]
 fn put<R: Real>(row: &mut Row<R>, part: &Part, value: R, add: bool) {
-    if part.end - part.start == TILE {
+    if part.is_tile() {
         for x in row.iter_mut() {
             *x = if add { *x + value } else { value };
         }
@@ -346,20 +365,20 @@ fn expand<R: Real>(spread: &Spread<R>, row: &mut Row<R>, parts: &Parts) {
     for part in parts.all() {
         let value = spread.adjoint[part.parent - spread.first];
         let value = match spread.mean {
-            true => value * R::from_f64(part.share),
+            true => value * R::from_f64(part.share()),
             false => value,
         };
         put(row, part, value, spread.add);
     }
 }
 
-/// Adds lanes of one channel to a running sum. `target` holds a sum for each parent of the chunk and channel, if by segments,
-/// then open partial sums for each channel; `first` is the position of the tile in the chunk.
+/// Adds lanes of rows, one for each channel, to running sums. `target` holds a sum for each parent of the chunk and channel, if
+/// by segments, then open partial sums for each channel; `first` is the position of the tile in the chunk.
 #[inline(always)]
 fn accumulate<R: Real>(
     sum: Summed,
-    channel: usize,
-    row: &[R],
+    rows: &[Row<R>],
+    len: usize,
     first: usize,
     parts: &Parts,
     span: &Span,
@@ -367,27 +386,49 @@ fn accumulate<R: Real>(
 ) {
     let parents = if sum.segments { span.parents.len() } else { 0 };
     let (sums, partials) = target.as_mut_slice().split_at_mut(sum.channels * parents);
-    let partial = &mut partials[channel * PARTIALS..(channel + 1) * PARTIALS];
     if !sum.segments {
-        return spread(partial, first, row);
+        for (row, partial) in rows.iter().zip(partials.chunks_exact_mut(PARTIALS)) {
+            spread(partial, first, &row[..len]);
+        }
+        return;
     }
     for part in parts.all() {
-        let lanes = &row[part.start..part.end];
-        let total = if lanes.len() == part.len {
-            // The whole segment: its sum stays in registers.
-            whole_sum(lanes)
-        } else {
-            if part.phase == 0 {
-                partial.fill(R::default());
+        let mean = sum.mean.then(|| R::from_f64(part.share()));
+        let at = part.parent - span.parents.start;
+        if part.len == TILE && part.is_tile() {
+            // The tile is a segment: loops of known length, and sums that stay in registers.
+            for (c, row) in rows.iter().enumerate() {
+                add_total(&mut sums[c * parents + at], whole_sum(row), mean);
             }
-            spread(partial, part.phase, lanes);
-            if part.phase + lanes.len() < part.len {
-                continue;
-            }
-            total(partial)
-        };
-        let mean = R::from_f64(part.share);
-        let target = &mut sums[channel * parents + part.parent - span.parents.start];
-        *target = *target + if sum.mean { total * mean } else { total };
+            continue;
+        }
+        for (c, row) in rows.iter().enumerate() {
+            let lanes = &row[part.start..part.end];
+            let total = if lanes.len() == part.len {
+                // The whole segment: its sum stays in registers.
+                whole_sum(lanes)
+            } else {
+                let partial = &mut partials[c * PARTIALS..(c + 1) * PARTIALS];
+                if part.phase == 0 {
+                    partial.fill(R::default());
+                }
+                spread(partial, part.phase, lanes);
+                if part.phase + lanes.len() < part.len {
+                    continue;
+                }
+                total(partial)
+            };
+            add_total(&mut sums[c * parents + at], total, mean);
+        }
     }
+}
+
+/// Adds the sum of a segment, times its `mean` if that is wanted.
+#[inline(always)]
+fn add_total<R: Real>(target: &mut R, total: R, mean: Option<R>) {
+    *target = *target
+        + match mean {
+            Some(mean) => total * mean,
+            None => total,
+        };
 }

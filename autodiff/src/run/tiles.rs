@@ -6,6 +6,7 @@ use std::ops::Range;
 use super::block::{Env, Lanes, Lent, Place, Worker};
 use super::chunk::{Chunk, Span};
 use super::lane::Lane;
+use super::list::list;
 use super::passes::sink_position;
 use super::plan::Values;
 use super::segments::segments_of;
@@ -123,24 +124,24 @@ fn compute<R: Lane>(
         true => kept(env, at),
         false => 0..run_len(run, TILE),
     };
-    let mut sums = [Summed::default(); LIMIT];
     let nothing = Span {
         lanes: 0..0,
         parents: 0..0,
     };
     let (span, accumulations) = into.unwrap_or((&nothing, &mut []));
     let summed = &run.sinks[..accumulations.len().min(run.sinks.len())];
+    list!(sums, summed.len(), Summed::default(), LIMIT);
     for (sum, &sink) in sums.iter_mut().zip(summed) {
         *sum = summed_rows(env, run, sink);
     }
-    let mut sources: [&[R]; LIMIT] = [&[]; LIMIT];
-    let mut lookups = [no_lookup(); LIMIT];
+    list!(sources, run.externals.len(), &[][..], LIMIT);
+    list!(lookups, run.lookups.len(), no_lookup(), LIMIT);
     let block = block(
         (env, worker, lanes, run),
         &plan.reads,
         span,
-        &mut sources,
-        &mut lookups,
+        sources,
+        lookups,
         Tiles {
             rows: &mut storage.as_mut_slice()[rows],
             count: run.rows(),
@@ -190,12 +191,12 @@ pub(super) fn reverse<R: Lane>(
         Some(_) => &mut storage.as_mut_slice()[kept(env, at)],
         None => again,
     };
-    let mut adjoints: [&[R]; LIMIT] = [&[]; LIMIT];
+    list!(adjoints, plan.sources.len(), &[][..], LIMIT);
     for (adjoint, &slot) in adjoints.iter_mut().zip(&plan.sources) {
         debug_assert!(worker.written[slot]);
         *adjoint = worker.adjoints[slot].as_slice();
     }
-    let mut spreads = [Spread::default(); LIMIT];
+    list!(spreads, plan.sums.len(), Spread::default(), LIMIT);
     for (spread, sum) in spreads.iter_mut().zip(&plan.sums) {
         let all = env.all_lanes(sum.sink);
         let summed = summed_rows(env, run, sum.sink);
@@ -215,18 +216,18 @@ pub(super) fn reverse<R: Lane>(
             mean: summed.mean,
         };
     }
-    let mut scatters = [no_lookup(); LIMIT];
+    list!(scatters, plan.lookups.len(), no_lookup(), LIMIT);
     for (scatter, lookup) in scatters.iter_mut().zip(&plan.lookups) {
         *scatter = filled(env, worker, lanes, lookup.id, lookup.row);
     }
-    let mut sources: [&[R]; LIMIT] = [&[]; LIMIT];
-    let mut lookups = [no_lookup(); LIMIT];
+    list!(sources, run.externals.len(), &[][..], LIMIT);
+    list!(lookups, run.lookups.len(), no_lookup(), LIMIT);
     let block = block(
         (env, worker, lanes, run),
         &plan.reads,
         &chunk.span,
-        &mut sources,
-        &mut lookups,
+        sources,
+        lookups,
         Tiles {
             rows,
             count: run.rows(),
@@ -237,7 +238,7 @@ pub(super) fn reverse<R: Lane>(
         block,
         plan,
         adjoint_rows: &mut adjoint_rows[..run_len(run, TILE)],
-        adjoints: &adjoints,
+        adjoints,
         spreads: &spreads[..plan.sums.len()],
         targets: &mut targets,
         scatters: &scatters[..plan.lookups.len()],
@@ -270,8 +271,8 @@ fn block<'a, R: Lane>(
     (env, worker, lanes, run): (&'a Env<'a, R>, &'a Worker<R>, Lanes, &Run),
     reads: &[bool],
     span: &'a Span,
-    sources: &'a mut [&'a [R]; LIMIT],
-    lookups: &'a mut [Filled<'a, R>; LIMIT],
+    sources: &'a mut [&'a [R]],
+    lookups: &'a mut [Filled<'a, R>],
     tiles: Tiles<'a, R>,
 ) -> Block<'a, R> {
     let view = values(env, worker);
