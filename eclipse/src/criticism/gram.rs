@@ -7,31 +7,36 @@ use rayon::prelude::*;
 pub struct Matrix {
     /// How many columns.
     pub columns: usize,
+    rows: usize,
+    /// From one row to the next: zeros follow the columns, so that every tile is whole.
+    stride: usize,
     /// `[row][column]`.
-    pub data: Vec<f32>,
+    data: Vec<f32>,
 }
 
-/// Columns of a tile, and rows that stay in the cache meanwhile.
-const TALL: usize = 4;
-const WIDE: usize = 16;
+/// Columns of a tile, which stays in registers, and rows that stay in the cache meanwhile.
+const TALL: usize = 6;
+const WIDE: usize = 32;
 const ROWS: usize = 48;
 
 impl Matrix {
     /// From its columns, of the rows that `rows` names.
     pub fn from_columns(columns: &[impl AsRef<[f32]> + Sync], rows: &[usize]) -> Self {
-        let width = columns.len();
-        let mut data = vec![0.0; width * rows.len()];
-        data.par_chunks_mut(width.max(1) * 64)
+        let stride = columns.len() + WIDE;
+        let mut data = vec![0.0; stride * rows.len()];
+        data.par_chunks_mut(stride * 64)
             .zip(rows.par_chunks(64))
             .for_each(|(out, rows)| {
-                for (out, &row) in out.chunks_exact_mut(width.max(1)).zip(rows) {
+                for (out, &row) in out.chunks_exact_mut(stride).zip(rows) {
                     for (o, column) in out.iter_mut().zip(columns) {
                         *o = column.as_ref()[row];
                     }
                 }
             });
         Self {
-            columns: width,
+            columns: columns.len(),
+            rows: rows.len(),
+            stride,
             data,
         }
     }
@@ -44,12 +49,19 @@ impl Matrix {
 
     /// How many rows.
     pub fn rows(&self) -> usize {
-        self.data.len() / self.columns.max(1)
+        self.rows
     }
 
     /// One row.
     pub fn row(&self, row: usize) -> &[f32] {
-        &self.data[row * self.columns..(row + 1) * self.columns]
+        &self.data[row * self.stride..][..self.columns]
+    }
+
+    /// `N` columns of a row from one of them on; zeros where there are fewer.
+    #[inline(always)]
+    fn part<const N: usize>(&self, row: usize, from: usize) -> &[f32; N] {
+        let part = self.data[row * self.stride + from..].first_chunk();
+        part.expect("as many zeros follow the columns as a tile is wide")
     }
 
     /// The inner products of the columns `a` with the columns `b`, added to `out` (`[column][column]`, all of them), summed
@@ -113,18 +125,11 @@ impl Matrix {
                 let wide = WIDE.min(b.end - left);
                 let mut sums = [[0.0f32; WIDE]; TALL];
                 for row in start..end {
-                    let line = other.row(row);
-                    let mut right = [0.0f32; WIDE];
-                    if wide == WIDE {
-                        right.copy_from_slice(&line[left..left + WIDE]);
-                    } else {
-                        right[..wide].copy_from_slice(&line[left..left + wide]);
-                    }
-                    let mut factors = [0.0f32; TALL];
-                    factors[..tall].copy_from_slice(&self.row(row)[first..first + tall]);
+                    let right: &[f32; WIDE] = other.part(row, left);
+                    let factors: &[f32; TALL] = self.part(row, first);
                     for (sums, factor) in sums.iter_mut().zip(factors) {
                         for (s, r) in sums.iter_mut().zip(right) {
-                            *s += factor * r;
+                            *s = factor.mul_add(*r, *s);
                         }
                     }
                 }

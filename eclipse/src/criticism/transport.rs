@@ -210,16 +210,26 @@ impl LinearMap for Transport {
 
 /// Reflectance (1/sr) of an albedo of one, and of the lobe.
 pub fn reflect(lobe: Option<Lobe>, normal: Vec3, incident: Vec3, outgoing: Vec3) -> (f32, f32) {
-    let Some(lobe) = lobe else {
-        return (FRAC_1_PI, 0.0);
-    };
+    match lobe {
+        Some(lobe) => reflect_by([lobe], normal, incident, outgoing)[0],
+        None => (FRAC_1_PI, 0.0),
+    }
+}
+
+/// The same of several lobes.
+pub fn reflect_by<const N: usize>(
+    lobes: [Lobe; N],
+    normal: Vec3,
+    incident: Vec3,
+    outgoing: Vec3,
+) -> [(f32, f32); N] {
     // A tent of light reaches above the horizon from a centre below it.
     let incident = just_seen(normal, incident);
     match Cosines::new(normal, incident, just_seen(normal, outgoing)) {
-        Some(cosines) => {
+        Some(cosines) => lobes.map(|lobe| {
             let (factor, specular) = microfacet(cosines, lobe.alpha, lobe.kappa);
             (FRAC_1_PI * factor, specular)
-        }
-        None => (0.0, 0.0),
+        }),
+        None => [(0.0, 0.0); N],
     }
 }

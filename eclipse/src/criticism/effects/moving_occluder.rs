@@ -71,8 +71,8 @@ impl Effect for MovingOccluder {
         Some(Box::new(move |frame, from| {
             let cell = CameraGrid::cell(from, azimuths[frame]);
             let at = |k: usize| opacity.get(k).copied().unwrap_or(0.0);
-            let own = CameraGrid::part(cell)
-                .map_or(0.0, |part| at(number_in_frame(frame as u32, part)));
+            let own =
+                CameraGrid::part(cell).map_or(0.0, |part| at(number_in_frame(frame as u32, part)));
             (1.0 - at(cell)) * (1.0 - own)
         }))
     }

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::{Fit, FitError, Study};
-use crate::criticism::transport::{Lobe, reflect};
+use crate::criticism::transport::{Lobe, reflect_by};
 
 /// What is expected of the lobe: α = 0.45 within a factor, κ = 0.04.
 const LOBE_PRIOR: [(f32, f32); 2] = [(-0.8, 0.6), (0.04, 0.03)];
@@ -58,8 +58,8 @@ impl Fit {
             for (source, weight, incident) in self.horizon.row(seen, view) {
                 let share = passing.as_ref().map_or(1.0, |pass| pass(v, source));
                 let light = &self.radiance[3 * source..][..3];
-                for (sum, lobe) in sums.iter_mut().zip(lobes) {
-                    let (d, s) = reflect(Some(lobe), normal, incident, outgoing);
+                let reflected = reflect_by(lobes, normal, incident, outgoing);
+                for (sum, (d, s)) in sums.iter_mut().zip(reflected) {
                     for c in 0..3 {
                         sum[c] += share * weight * (albedo[c] * d + s) * light[c];
                     }
@@ -67,7 +67,8 @@ impl Fit {
             }
             sums
         };
-        let views: Vec<[[f32; 3]; 4]> = (0..seen.views.len()).into_par_iter().map(of_view).collect();
+        let views: Vec<[[f32; 3]; 4]> =
+            (0..seen.views.len()).into_par_iter().map(of_view).collect();
         [0, 1, 2, 3].map(|lobe| {
             let mut values: Vec<f32> = views.iter().flat_map(|sums| sums[lobe]).collect();
             values.resize(3 * seen.len(), 0.0);
@@ -92,6 +93,7 @@ pub(super) fn moved(lobe: Lobe, alpha: f32, kappa: f32) -> Lobe {
     Lobe {
         alpha: log.exp().clamp(0.08, 1.0),
         // Some reflection is left, so that its width keeps a slope.
-        kappa: (lobe.kappa + (kappa * kappa_sd).clamp(-LARGEST_STEP, LARGEST_STEP)).clamp(0.004, 0.9),
+        kappa: (lobe.kappa + (kappa * kappa_sd).clamp(-LARGEST_STEP, LARGEST_STEP))
+            .clamp(0.004, 0.9),
     }
 }
