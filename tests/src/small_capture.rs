@@ -63,8 +63,6 @@ pub fn small_capture(centre: Vec3) -> Capture {
 pub fn on_disk() -> &'static Path {
     static FOLDER: OnceLock<(TempDir, PathBuf)> = OnceLock::new();
     let (_, path) = FOLDER.get_or_init(|| {
-        let folder = tempfile::tempdir().expect("a temporary folder");
-        let path = folder.path().join("capture");
         let scene = Scene {
             mesh: boxes(),
             environment: scenes::interior(LatLong::new(50, 100)).image().clone(),
@@ -84,11 +82,46 @@ pub fn on_disk() -> &'static Path {
             noise: 0.002,
             seed: 1,
         };
-        let made = synthesize::synthesize(&scene, &shooting, |_| true).expect("a valid scene");
-        synthesize::write(&path, &scene, &made).expect("an empty folder");
-        (folder, path)
+        written(&scene, &shooting)
     });
     path
+}
+
+/// The folder of another, whose boxes are glossy: enough photographs for a run to tell that somebody stood in the light, and light
+/// of enough contrast for it to see a highlight.
+pub fn glossy_on_disk() -> &'static Path {
+    static FOLDER: OnceLock<(TempDir, PathBuf)> = OnceLock::new();
+    let (_, path) = FOLDER.get_or_init(|| {
+        let scene = Scene {
+            mesh: boxes(),
+            environment: scenes::interior(LatLong::new(50, 100)).image().clone(),
+            model: Model::Microfacet,
+            albedo: Pattern {
+                mean: [0.5, 0.45, 0.4],
+                variation: 0.2,
+            },
+            alpha: 0.4,
+            kappa: 0.2,
+            occluders: Occluders::Operator,
+        };
+        let shooting = Shooting {
+            frames: 12,
+            resolution: 32,
+            distance: 5.0,
+            noise: 0.002,
+            seed: 0,
+        };
+        written(&scene, &shooting)
+    });
+    path
+}
+
+fn written(scene: &Scene, shooting: &Shooting) -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("capture");
+    let made = synthesize::synthesize(scene, shooting, |_| true).expect("a valid scene");
+    synthesize::write(&path, scene, &made).expect("an empty folder");
+    (folder, path)
 }
 
 /// Three boxes along the axes, of different lengths, joined in a corner; the bounding box is centred at the origin.
