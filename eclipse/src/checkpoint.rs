@@ -11,7 +11,7 @@ use std::{collections::BTreeMap, path::PathBuf};
 use crate::{reconstruction::CurvePoint, settings::Settings};
 
 pub use codec::{decode, encode};
-pub use store::{fingerprint, load, save};
+pub use store::{fingerprint, is_in, load, save};
 
 /// Everything a solver needs to go on as if it had never stopped.
 ///

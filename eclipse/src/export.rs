@@ -43,7 +43,7 @@ use crate::{
         write_exr_with,
     },
     layout::{CONVENTION, ENVIRONMENT, MESH},
-    mesh_io,
+    mesh_io::{self, MeshSurface},
     relight::{Object, Orbit, RelightError},
 };
 
@@ -194,10 +194,9 @@ fn notes(program: Program, object: &Object) -> String {
         ENVIRONMENT,
         "the light, in the program's own layout: load it without a rotation",
     );
-    let materials = if object.mesh.uvs.is_empty() {
-        "at its vertices (COLOR_0, _ROUGHNESS, _SPECULAR)"
-    } else {
-        "in textures"
+    let materials = match object.surface {
+        MeshSurface::Vertices(_) => "at its vertices (COLOR_0, _ROUGHNESS, _SPECULAR)",
+        MeshSurface::Maps(_) => "in textures",
     };
     line(
         MESH,

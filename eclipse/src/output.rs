@@ -28,7 +28,8 @@ use crate::{
 /// The material network that a run of the paper preset leaves.
 const NETWORK: &str = "materials.safetensors";
 
-/// Writes everything a run leaves to `folder`; the report comes last, so that it is there when all else is.
+/// Writes everything a run leaves to `folder`; the report comes last, and that of an earlier run goes before its files are mixed with
+/// others, so that it is there when all else is.
 ///
 /// Numbered images and a network of an earlier run that this one does not replace are removed.
 ///
@@ -56,6 +57,7 @@ pub fn write(
         &rgb,
         &map,
     )?;
+    remove(&folder.join(REPORT))?;
     write_numbered(
         &folder.join(OCCLUDERS),
         &reconstruction.occluders,

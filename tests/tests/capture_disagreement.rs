@@ -7,7 +7,8 @@ use eclipse::{
     mesh_io::{GlbSurface, write_glb},
 };
 use eclipse_tests::small_capture::small_capture;
-use glam::{Mat4, Vec3};
+use glam::{Mat3, Mat4, Vec3};
+use serde_json::Value;
 
 /// What loading says after `spoil`, which changes mesh, cameras or masks as they are written.
 fn message(spoil: impl Fn(&mut Capture)) -> String {
@@ -155,6 +156,39 @@ fn an_offset_mesh_is_named() {
     assert_names(
         &on_mesh(|p| p + Vec3::new(1.5, -1.0, 0.5)),
         "the mesh lies away from the origin",
+    );
+}
+
+#[test]
+fn what_nerfstudio_did_to_the_cameras_alone_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("capture");
+    let mut capture = small_capture(Vec3::ZERO);
+    // The mesh as it was before cameras were turned about an axis that no other cause knows, moved and scaled.
+    let turn = Mat3::from_axis_angle(Vec3::new(1.0, 2.0, -1.0).normalize(), 1.0);
+    let (offset, scale) = (Vec3::new(0.4, -0.3, 0.2), 0.3f32);
+    for position in &mut capture.mesh.positions {
+        *position = turn.transpose() * (*position / scale - offset);
+    }
+    write(&path, &capture).unwrap();
+    let json = path.join("transforms.json");
+    let mut transforms: Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
+    let row = |axis: usize| -> Value {
+        let row = turn.row(axis);
+        vec![row.x, row.y, row.z, offset[axis]].into()
+    };
+    transforms["applied_transform"] = vec![row(0), row(1), row(2)].into();
+    transforms["applied_scale"] = scale.into();
+    fs::write(&json, transforms.to_string()).unwrap();
+    let error = Capture::load(&path, &LoadOptions::default()).unwrap_err();
+    let message = error.to_string();
+    assert_names(
+        &message,
+        "`applied_transform` was applied to the cameras but not to the mesh",
+    );
+    assert!(
+        message.contains("and `applied_scale` after it"),
+        "{message}"
     );
 }
 

@@ -413,7 +413,23 @@ fn paths_that_lead_out_of_the_folder() {
     let mut mesh = outside("000.exr");
     fs::rename(mesh.path.join("mesh.glb"), mesh.path.join("../mesh.glb")).unwrap();
     mesh.json["ply_file_path"] = json!("../mesh.glb");
-    mesh.says(&["`ply_file_path` names"]);
+    mesh.says(&["`ply_file_path` names", "outside"]);
+}
+
+#[test]
+fn sparse_points_in_place_of_a_mesh() {
+    let mut capture = Spoiled::new();
+    fs::remove_file(capture.path.join("mesh.glb")).unwrap();
+    let cloud = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n\
+                 0 0 0\n1 2 3\n";
+    fs::write(capture.path.join("sparse_pc.ply"), cloud).unwrap();
+    capture.json["ply_file_path"] = json!("sparse_pc.ply");
+    capture.says(&[
+        "`ply_file_path` names",
+        "sparse_pc.ply, which has 2 points and no faces",
+        "mesh.glb",
+        "--mesh",
+    ]);
 }
 
 #[test]

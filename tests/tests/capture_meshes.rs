@@ -420,6 +420,60 @@ fn more_faces_than_are_read_are_refused_before_they_are_stored() {
 }
 
 #[test]
+fn extensions_that_are_not_understood_are_named_and_those_of_looks_are_not_missed() {
+    let mut json = embedded(json!({ "mesh": 0 }));
+    for name in ["KHR_draco_mesh_compression", "EXT_meshopt_compression"] {
+        json["extensionsRequired"] = json!(["KHR_materials_sheen", name]);
+        let message = parse_glb(json.to_string().as_bytes())
+            .unwrap_err()
+            .to_string();
+        let expected =
+            format!("uses the extension {name}, which is not supported; export it without");
+        assert_eq!(message, expected);
+    }
+    json["extensionsRequired"] = json!(["KHR_materials_sheen", "KHR_texture_transform"]);
+    parse_glb(json.to_string().as_bytes()).unwrap();
+}
+
+#[test]
+fn quantized_meshes_are_read_as_they_are_meant() {
+    // Positions as signed bytes, as they are and normalised, four bytes a vertex; the node brings them to their place.
+    let corners: [[i8; 3]; 4] = [[0, 0, 0], [127, 0, 0], [0, 0, -127], [0, 127, 0]];
+    let bytes = corners.iter().flat_map(|c| [c[0], c[1], c[2], 0]);
+    let mut data: Vec<u8> = bytes.map(|value| value as u8).collect();
+    data.extend(FACES.iter().flatten().map(|&index| index as u8));
+    let encoded = BASE64_STANDARD.encode(&data);
+    for (normalized, unit) in [(false, 1.0 / 127.0), (true, 1.0)] {
+        let json = json!({
+            "asset": { "version": "2.0" }, "scenes": [{ "nodes": [0] }],
+            "extensionsUsed": ["KHR_mesh_quantization"], "extensionsRequired": ["KHR_mesh_quantization"],
+            "nodes": [{ "mesh": 0, "scale": [unit, 3.0 * unit, 2.0 * unit] }],
+            "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 1 }] }],
+            "buffers": [{
+                "byteLength": data.len(), "uri": format!("data:application/octet-stream;base64,{encoded}"),
+            }],
+            "bufferViews": [
+                { "buffer": 0, "byteLength": 16, "byteStride": 4 },
+                { "buffer": 0, "byteOffset": 16, "byteLength": 12 },
+            ],
+            "accessors": [
+                {
+                    "bufferView": 0, "componentType": 5120, "normalized": normalized, "count": 4, "type": "VEC3",
+                    "min": [0, 0, -127], "max": [127, 127, 0],
+                },
+                { "bufferView": 1, "componentType": 5121, "count": 12, "type": "SCALAR" },
+            ],
+        });
+        let mesh = parse_glb(json.to_string().as_bytes()).unwrap();
+        for (found, expected) in triangles(&mesh).iter().zip(tetrahedron()) {
+            for (found, expected) in found.iter().zip(expected) {
+                assert!((*found - expected).length() < 1e-5, "{found} {expected}");
+            }
+        }
+    }
+}
+
+#[test]
 fn cycles_of_nodes_end() {
     let json = embedded(json!({ "mesh": 0, "children": [0] })).to_string();
     assert!(

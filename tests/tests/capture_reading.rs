@@ -107,9 +107,6 @@ fn a_model_of_colmap_is_turned_upright() {
     let read = |capture: &Capture, axis: UpAxis| {
         let folder = tempfile::tempdir().unwrap();
         colmap_model::write(folder.path(), capture, Encoding::Binary);
-        let points = Capture::describe(folder.path(), &up(axis)).unwrap().points;
-        // Points that are not turned would lie beside the mesh.
-        assert_eq!(points.is_some(), axis == UpAxis::Z);
         Capture::load(folder.path(), &up(axis)).unwrap()
     };
     let axis = UpAxis::NegY;

@@ -7,6 +7,7 @@ use std::{
     time::Duration,
 };
 
+use eclipse::checkpoint;
 use eclipse_tests::{
     perfect,
     program::{stderr, text},
@@ -47,9 +48,12 @@ fn a_short_run_leaves_everything_and_threads_do_not_matter() {
     let capture = perfect::bundled();
     let folder = tempfile::tempdir().unwrap();
     let (one, two) = (folder.path().join("one"), folder.path().join("two"));
+    // Dividing the surface takes most of the time where photographs are large, and shows nothing that smaller ones do not.
     let short = [
         text(&capture),
         "--lambertian",
+        "--max-size",
+        "32",
         "--iterations",
         "2",
         "--json",
@@ -134,13 +138,13 @@ fn a_resumed_run_ends_like_one_that_never_stopped() {
 
 #[test]
 fn a_run_resumed_within_a_round_has_the_rounds_own_data_and_lobe() {
-    let capture = perfect::bundled();
+    let capture = small_capture::glossy_on_disk();
     let folder = tempfile::tempdir().unwrap();
     let (whole, parts) = (folder.path().join("whole"), folder.path().join("parts"));
-    let code = |out: &Path, steps: u64, more: &[&str]| {
+    let run_to = |out: &Path, steps: u64, more: &[&str]| {
         let steps = steps.to_string();
         let to = [
-            text(&capture),
+            text(capture),
             "--json",
             "--iterations",
             &steps,
@@ -151,14 +155,24 @@ fn a_run_resumed_within_a_round_has_the_rounds_own_data_and_lobe() {
         assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
         serde_json::from_slice::<serde_json::Value>(&output.stdout).unwrap()
     };
-    // A round takes six steps at most, and the lobe is fitted at the start of the second: the first part ends within the first round
-    // or just after it, the second within the second.
-    let ended = code(&whole, 8, &[]);
+    // A round takes six steps at most, and the lobe is fitted at the start of the second: the first part ends within the first
+    // round, the second within the second.
+    let ended = run_to(&whole, 8, &[]);
     let notes = ended["notes"].to_string();
     assert!(notes.contains("specular reflection: alpha"), "{notes}");
-    code(&parts, 4, &[]);
-    for steps in [7, 8] {
-        code(&parts, steps, &["--resume"]);
+    assert!(!notes.contains("no sign of an occluder"), "{notes}");
+    for (steps, round, more) in [
+        (4, 0, &[][..]),
+        (7, 1, &["--resume"]),
+        (8, 1, &["--resume"]),
+    ] {
+        run_to(&parts, steps, more);
+        let kept = checkpoint::load(&parts).unwrap();
+        let place = kept.u64s("stage", 3).unwrap();
+        assert_eq!(place[..2], [0, round], "after step {steps}");
+        // The lobe of the second round is one that shows, so that another would give other images.
+        let lobe = kept.f32s("lobe", 2 * round as usize).unwrap();
+        assert!(lobe.iter().all(|v| *v > 0.02), "{lobe:?}");
     }
     assert_same_results(&whole, &parts);
 }
@@ -171,6 +185,8 @@ fn an_interrupt_saves_everything_and_exits_with_130() {
     let mut child = eclipse(&[
         text(&capture),
         "--lambertian",
+        "--max-size",
+        "32",
         "--time-limit",
         "10m",
         "--out",
@@ -220,6 +236,24 @@ fn bad_input_exits_with_three_and_one_message() {
         "{}",
         stderr(&output)
     );
+}
+
+#[test]
+fn a_run_that_writes_over_an_earlier_one_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let says = |steps: &str, more: &[&str]| {
+        let short = [text(small_capture::on_disk()), "--lambertian"];
+        let options = ["--iterations", steps, "--out", text(&out)];
+        let output = run(&[&short[..], &options[..], more].concat());
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(0), "{message}");
+        message.contains("holds an earlier run") && message.contains("--resume")
+    };
+    assert!(!says("1", &[]));
+    assert!(says("1", &[]));
+    assert!(!says("2", &["--resume"]));
+    assert!(!says("1", &["--progress", "none"]));
 }
 
 #[test]

@@ -1,6 +1,9 @@
 //! Effects planted in the model's own images are found, and at their null they change no bit.
 
-use std::{path::Path, sync::Arc};
+use std::{
+    path::Path,
+    sync::{Arc, LazyLock},
+};
 
 use eclipse::{
     capture::Capture,
@@ -91,6 +94,17 @@ fn terms(study: &Study<'_>, fit: &Fit, effect: &'static dyn Effect) -> Arc<Vec<T
     Arc::new(effect.terms(&fit.scene(study)))
 }
 
+/// A study and its true model, made once for all tests that plant nothing.
+fn true_model() -> &'static (Study<'static>, Fit) {
+    static CAPTURE: LazyLock<Capture> = LazyLock::new(|| capture(1.0));
+    static MODEL: LazyLock<(Study<'static>, Fit)> = LazyLock::new(|| {
+        let study = study(&CAPTURE, LOBE);
+        let fit = truth(&study);
+        (study, fit)
+    });
+    &MODEL
+}
+
 /// An effect and how much of each of its columns a term has.
 type Planted<'a> = (&'static dyn Effect, &'a dyn Fn(usize, &Term) -> f64);
 
@@ -135,16 +149,14 @@ fn screened(study: &Study<'_>) -> Screen {
 
 #[test]
 fn nulls_change_no_bit() {
-    let capture = capture(1.0);
-    let study = study(&capture, LOBE);
-    let fit = truth(&study);
+    let (study, fit) = true_model();
     let plain = Chain::new(&[], study.seen.len()).and_then(|mut chain| {
         chain.bind(&fit.ideal, &[])?;
         chain.values()
     });
     let plain = plain.unwrap();
     for effect in effects::all() {
-        let terms = terms(&study, &fit, effect);
+        let terms = terms(study, fit, effect);
         let betas = vec![0.0; terms.len()];
         let mut chain = Chain::new(&[Link { effect, terms }], study.seen.len()).unwrap();
         chain.bind(&fit.ideal, &[betas]).unwrap();
@@ -161,11 +173,9 @@ fn nulls_change_no_bit() {
 /// The derivative by one sum for all numbers of an effect is that by each of them.
 #[test]
 fn columns_are_slopes() {
-    let capture = capture(1.0);
-    let study = study(&capture, LOBE);
-    let fit = truth(&study);
+    let (study, fit) = true_model();
     for effect in effects::all() {
-        let terms = terms(&study, &fit, effect);
+        let terms = terms(study, fit, effect);
         let some: Vec<usize> = [0, 1, terms.len() / 2]
             .into_iter()
             .filter(|k| *k < terms.len())
@@ -205,27 +215,25 @@ fn columns_are_slopes() {
 /// What an effect of the camera does to whole photographs is what it does on the tape, and can be taken back.
 #[test]
 fn the_camera_is_undone_as_it_is_recorded() {
-    let capture = capture(1.0);
-    let study = study(&capture, LOBE);
-    let fit = truth(&study);
+    let (study, fit) = true_model();
     let mut checked = 0;
     for effect in effects::all().into_iter().filter(|e| e.is_of_the_camera()) {
-        let terms = terms(&study, &fit, effect);
+        let terms = terms(study, fit, effect);
         let beta = |(k, term): (usize, &Term)| {
             let part = term.scale * pattern(k);
             if term.least == 0.0 { part.abs() } else { part }
         };
         let betas: Vec<f64> = terms.iter().enumerate().map(beta).collect();
         let numbers = effect.camera_numbers(&terms, &betas);
-        let map = effect.camera_map(&capture, &numbers).unwrap();
-        assert!(effect.camera_map(&capture, &numbers[1..]).is_none());
+        let map = effect.camera_map(study.capture, &numbers).unwrap();
+        assert!(effect.camera_map(study.capture, &numbers[1..]).is_none());
         let mut chain = Chain::new(&[Link { effect, terms }], study.seen.len()).unwrap();
         chain.bind(&fit.ideal, &[betas]).unwrap();
         let recorded = chain.values().unwrap();
         for i in (0..study.seen.views.len()).step_by(97) {
             let view = &study.seen.views[i];
             let frame = view.frame as usize;
-            let mut image = capture.frames[frame].image.clone();
+            let mut image = study.capture.frames[frame].image.clone();
             for pixel in image.data.chunks_exact_mut(3) {
                 pixel.copy_from_slice(&fit.ideal[3 * i..3 * i + 3]);
             }
@@ -241,7 +249,7 @@ fn the_camera_is_undone_as_it_is_recorded() {
                 );
             }
         }
-        for (t, frame) in capture.frames.iter().enumerate() {
+        for (t, frame) in study.capture.frames.iter().enumerate() {
             let mut image = frame.image.clone();
             (map.apply)(t, &mut image);
             assert_ne!(image.data, frame.image.data, "{}", effect.id());

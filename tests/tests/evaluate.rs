@@ -1,18 +1,21 @@
 //! Outputs written, then scored against a truth, as a user would.
 
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{collections::BTreeMap, fs, path::Path, sync::LazyLock};
 
 use eclipse::{
     checkpoint,
     evaluate::{self, Evaluation, evaluate},
     image_io::{ExrOptions, read_exr, read_exr_file, write_exr, write_exr_with},
-    layout, output,
+    layout,
+    mesh_io::MeshSurface,
+    output,
     reconstruction::{Metrics, Network, Reconstruction},
+    relight::Object,
     report::ReportOptions,
     settings::Settings,
 };
-use eclipse_tests::perfect;
-use glam::Mat3;
+use eclipse_tests::{perfect, small_capture::boxes};
+use glam::{Mat3, Vec2};
 use render::{
     convention::{Convention, convert},
     image::Image,
@@ -30,14 +33,20 @@ fn written(change: impl FnOnce(&mut Reconstruction)) -> TempDir {
     folder
 }
 
+/// The truth as a result, written once for all tests that only read it.
+fn perfect_result() -> &'static Path {
+    static FOLDER: LazyLock<TempDir> = LazyLock::new(|| written(|_| ()));
+    FOLDER.path()
+}
+
 fn score(folder: &Path) -> Evaluation {
     evaluate(folder, &perfect::bundled().join("truth")).unwrap()
 }
 
 #[test]
 fn the_truth_scores_perfectly() {
-    let folder = written(|_| ());
-    let score = score(folder.path());
+    let folder = perfect_result();
+    let score = score(folder);
     assert!(score.environment.texels.rmse.unwrap() < 1e-6);
     assert!(score.environment.solid_angle.relative_rmse_aligned.unwrap() < 1e-6);
     // Materials are stored as half floats: 11 bits are 70 dB.
@@ -76,8 +85,8 @@ fn a_run_without_occluders_scores_one_and_zero() {
 
 #[test]
 fn the_json_has_the_documented_shape() {
-    let folder = written(|_| ());
-    let json = serde_json::to_value(score(folder.path())).unwrap();
+    let folder = perfect_result();
+    let json = serde_json::to_value(score(folder)).unwrap();
     let keys = |pointer: &str| -> Vec<String> {
         let object = json
             .pointer(pointer)
@@ -112,7 +121,7 @@ fn the_json_has_the_documented_shape() {
 
 #[test]
 fn everything_is_written_and_can_be_read_back() {
-    let folder = written(|_| ());
+    let folder = perfect_result();
     for name in [
         "environment.exr",
         "mesh.glb",
@@ -121,20 +130,20 @@ fn everything_is_written_and_can_be_read_back() {
         "settings.json",
         "report.html",
     ] {
-        assert!(folder.path().join(name).is_file(), "{name}");
+        assert!(folder.join(name).is_file(), "{name}");
     }
     for name in ["occluders", "materials", "renders"] {
         assert_eq!(
-            fs::read_dir(folder.path().join(name)).unwrap().count(),
+            fs::read_dir(folder.join(name)).unwrap().count(),
             24,
             "{name}"
         );
     }
-    let map = read_exr_file(&folder.path().join(layout::ENVIRONMENT)).unwrap();
+    let map = read_exr_file(&folder.join(layout::ENVIRONMENT)).unwrap();
     assert_eq!(map.metadata[layout::CONVENTION], "blender");
-    let materials = read_exr_file(&folder.path().join("materials/000.exr")).unwrap();
+    let materials = read_exr_file(&folder.join("materials/000.exr")).unwrap();
     assert!(materials.select(&layout::MATERIAL_CHANNELS).is_some());
-    let json = |name: &str| fs::read(folder.path().join(name)).unwrap();
+    let json = |name: &str| fs::read(folder.join(name)).unwrap();
     let settings: Settings = serde_json::from_slice(&json(layout::SETTINGS)).unwrap();
     assert_eq!(
         settings,
@@ -150,10 +159,10 @@ fn everything_is_written_and_can_be_read_back() {
 
 #[test]
 fn the_written_mesh_is_where_the_captures_mesh_is() {
-    let folder = written(|_| ());
+    let folder = perfect_result();
     let read = |path: &Path| eclipse::mesh_io::read_mesh(path).unwrap();
     let (ours, theirs) = (
-        read(&folder.path().join(layout::MESH)),
+        read(&folder.join(layout::MESH)),
         read(&perfect::bundled().join("mesh.glb")),
     );
     assert_eq!(ours.faces.len(), theirs.faces.len());
@@ -162,24 +171,40 @@ fn the_written_mesh_is_where_the_captures_mesh_is() {
 }
 
 #[test]
-fn materials_go_to_textures_where_the_mesh_has_coordinates_for_them() {
-    let glb = |uvs: bool| {
+fn materials_go_to_textures_where_the_mesh_has_a_place_for_them() {
+    // Eighteen sides of four corners each, in cells of a grid, all in one cell, or without coordinates.
+    let glb = |cells: Option<usize>| {
         let mut capture = perfect::capture();
-        let flattened = |position: &glam::Vec3| 0.5 + 0.4 * glam::Vec2::new(position.x, position.y);
-        capture.mesh.uvs.clear();
-        if uvs {
-            capture.mesh.uvs = capture.mesh.positions.iter().map(flattened).collect();
-        }
+        capture.mesh = boxes();
+        let place = |vertex: usize, cells: usize| {
+            let (side, corner) = (vertex / 4 % cells, vertex % 4);
+            let cell = Vec2::new((side % 5) as f32, (side / 5) as f32);
+            let corners = [Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y];
+            0.2 * (cell + 0.1 + 0.8 * corners[corner])
+        };
+        let vertices = 0..capture.mesh.positions.len();
+        let uvs = cells.map(|cells| vertices.map(|v| place(v, cells)).collect());
+        capture.mesh.uvs = uvs.unwrap_or_default();
         let folder = tempfile::tempdir().unwrap();
         let solved = perfect::reconstruction(&capture);
         output::write(folder.path(), &capture, &solved, &ReportOptions::default()).unwrap();
         let path = folder.path().join(layout::MESH);
-        eclipse::mesh_io::read_mesh(&path).unwrap();
+        // Wherever they are, they can be read back.
+        let object = Object::read(folder.path()).unwrap();
+        let found = match &object.surface {
+            MeshSurface::Vertices(materials) => materials[0].albedo,
+            MeshSurface::Maps(maps) => maps.at(object.mesh.uvs[0]).albedo,
+        };
+        assert!((found[0] - 0.5).abs() < 0.01, "{found:?}");
         String::from_utf8_lossy(&fs::read(path).unwrap()).into_owned()
     };
-    let (textured, plain) = (glb(true), glb(false));
-    assert!(textured.contains("baseColorTexture") && !textured.contains("COLOR_0"));
-    assert!(plain.contains("COLOR_0") && !plain.contains("baseColorTexture"));
+    let unwrapped = glb(Some(18));
+    assert!(unwrapped.contains("baseColorTexture") && !unwrapped.contains("COLOR_0"));
+    for cells in [None, Some(1), Some(9)] {
+        let at_vertices = glb(cells);
+        assert!(at_vertices.contains("COLOR_0"), "{cells:?}");
+        assert!(!at_vertices.contains("baseColorTexture"), "{cells:?}");
+    }
 }
 
 #[test]
@@ -200,6 +225,32 @@ fn images_of_an_earlier_longer_run_do_not_linger() {
     );
     assert!(!renders.join("024.exr").exists());
     assert!(renders.join("mine.exr").exists());
+}
+
+#[test]
+fn a_report_means_a_whole_result() {
+    let folder = written(|_| ());
+    let report = folder.path().join(layout::REPORT);
+    assert!(report.is_file());
+    let capture = perfect::capture();
+    let again = || {
+        let solved = perfect::reconstruction(&capture);
+        output::write(folder.path(), &capture, &solved, &ReportOptions::default())
+    };
+    // Nothing of an earlier result has changed yet: its report stays.
+    let light = folder.path().join(layout::ENVIRONMENT);
+    fs::remove_file(&light).unwrap();
+    fs::create_dir_all(light.join("in the way")).unwrap();
+    assert!(again().is_err() && report.is_file());
+    // Half of it has.
+    fs::remove_dir_all(&light).unwrap();
+    let metrics = folder.path().join(layout::METRICS);
+    fs::remove_file(&metrics).unwrap();
+    fs::create_dir_all(metrics.join("in the way")).unwrap();
+    assert!(again().is_err() && !report.exists());
+    fs::remove_dir_all(&metrics).unwrap();
+    again().unwrap();
+    assert!(report.is_file());
 }
 
 #[test]

@@ -5,6 +5,7 @@ use std::{
     fs,
     path::{Path, PathBuf},
     process::Output,
+    sync::OnceLock,
 };
 
 use eclipse::{
@@ -22,6 +23,7 @@ use eclipse_tests::{
 use exr::prelude::{ReadChannels, ReadLayers, read};
 use glam::Vec3;
 use render::{image::Image, lat_long::LatLong};
+use tempfile::TempDir;
 
 /// A direction without symmetry, in which a lamp stands.
 fn marked() -> Vec3 {
@@ -51,12 +53,18 @@ fn result(capture: &Capture) -> Reconstruction {
     result
 }
 
-fn run_folder(folder: &Path) -> (PathBuf, Reconstruction) {
-    let capture = perfect::capture();
-    let result = result(&capture);
-    let run = folder.join("run");
-    output::write(&run, &capture, &result, &ReportOptions::default()).unwrap();
-    (run, result)
+/// The folder of such a result and the result, written once: what tests export goes elsewhere, or where no other looks.
+fn run_folder() -> &'static (PathBuf, Reconstruction) {
+    static RUN: OnceLock<(TempDir, (PathBuf, Reconstruction))> = OnceLock::new();
+    let (_, run) = RUN.get_or_init(|| {
+        let capture = perfect::capture();
+        let result = result(&capture);
+        let folder = tempfile::tempdir().unwrap();
+        let run = folder.path().join("run");
+        output::write(&run, &capture, &result, &ReportOptions::default()).unwrap();
+        (folder, (run, result))
+    });
+    run
 }
 
 /// Where each program looks a direction of our world up, from its own sources: column and row, fractional, of an image of
@@ -122,11 +130,11 @@ fn lookup(values: &[f32], [width, height]: [usize; 2], [x, y]: [f32; 2]) -> f32 
 #[test]
 fn every_program_sees_the_same_light_in_the_same_direction() {
     let folder = tempfile::tempdir().unwrap();
-    let (run, result) = run_folder(folder.path());
+    let (run, result) = run_folder();
     let ours = LatLong::new(50, 100);
     for program in Program::ALL {
         let out = folder.path().join(program.name());
-        export(&run, program, &out).unwrap();
+        export(run, program, &out).unwrap();
         let (width, height, channels) = read_raw(&out.join("environment.exr"));
         let size = [width, height];
         // The brightest texel is where the program looks for the marked direction.
@@ -167,9 +175,9 @@ fn every_program_sees_the_same_light_in_the_same_direction() {
 #[test]
 fn the_object_is_turned_as_its_light_is_and_keeps_its_materials() {
     let folder = tempfile::tempdir().unwrap();
-    let (run, result) = run_folder(folder.path());
+    let (run, result) = run_folder();
     let out = folder.path().join("mitsuba");
-    export(&run, Program::Mitsuba, &out).unwrap();
+    export(run, Program::Mitsuba, &out).unwrap();
     let capture = perfect::capture();
     let y_up = |p: Vec3| Vec3::new(p.x, p.z, -p.y);
 
@@ -237,10 +245,9 @@ fn the_object_is_turned_as_its_light_is_and_keeps_its_materials() {
 
 #[test]
 fn scenes_name_their_files_and_scripts_are_python() {
-    let folder = tempfile::tempdir().unwrap();
-    let (run, _) = run_folder(folder.path());
+    let (run, _) = run_folder();
     for program in Program::ALL {
-        let output = eclipse(&["export", text(&run), "--for", program.name()]);
+        let output = eclipse(&["export", text(run), "--for", program.name()]);
         assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
         let out = run.join(program.name());
         assert!(stdout(&output).contains(program.scene()));
@@ -252,7 +259,7 @@ fn scenes_name_their_files_and_scripts_are_python() {
             assert!(name == "export.txt" || notes.contains(&name), "{name}");
         }
         // Again, over its own files.
-        let again = eclipse(&["export", text(&run), "--for", program.name()]);
+        let again = eclipse(&["export", text(run), "--for", program.name()]);
         assert_eq!(again.status.code(), Some(0), "{}", stderr(&again));
     }
     let script = run.join("blender/scene.py");
@@ -269,16 +276,9 @@ fn scenes_name_their_files_and_scripts_are_python() {
 #[test]
 fn a_result_is_never_written_over() {
     let folder = tempfile::tempdir().unwrap();
-    let (run, _) = run_folder(folder.path());
+    let (run, _) = run_folder();
     let before = fs::read(run.join("environment.exr")).unwrap();
-    let output = eclipse(&[
-        "export",
-        text(&run),
-        "--for",
-        "mitsuba",
-        "--out",
-        text(&run),
-    ]);
+    let output = eclipse(&["export", text(run), "--for", "mitsuba", "--out", text(run)]);
     assert_eq!(output.status.code(), Some(1));
     assert!(
         stderr(&output).contains("holds other files"),
@@ -287,7 +287,7 @@ fn a_result_is_never_written_over() {
     );
     assert_eq!(fs::read(run.join("environment.exr")).unwrap(), before);
 
-    let output = eclipse(&["export", text(&run), "--for", "maya"]);
+    let output = eclipse(&["export", text(run), "--for", "maya"]);
     assert_eq!(output.status.code(), Some(2));
     assert!(stderr(&output).contains("use one of blender, mitsuba, threejs"));
     let missing = folder.path().join("missing");

@@ -3,11 +3,12 @@
 use std::{fs, path::Path, process::Output};
 
 use eclipse::{
-    capture::{LoadOptions, formats::colmap::Encoding, write},
-    inspect::{Inspection, inspect},
+    capture::{LoadOptions, UpAxis, formats::colmap::Encoding, write},
+    inspect::{Inspection, inspect, page},
     settings::Settings,
 };
 use eclipse_tests::{
+    capture_turned::lying,
     colmap_model, perfect,
     program::{self, text},
     small_capture::small_capture,
@@ -20,9 +21,19 @@ fn eclipse(arguments: &[&str]) -> Output {
 }
 
 fn inspected(path: &Path) -> Inspection {
-    inspect(path, LoadOptions::default(), &Settings::default())
-        .unwrap()
-        .0
+    inspected_with(path, UpAxis::Z)
+}
+
+fn inspected_with(path: &Path, up: UpAxis) -> Inspection {
+    let options = LoadOptions {
+        up,
+        ..LoadOptions::default()
+    };
+    inspect(path, options, &Settings::default()).unwrap().0
+}
+
+fn warns(inspection: &Inspection, part: &str) -> bool {
+    inspection.warnings.iter().any(|w| w.contains(part))
 }
 
 #[test]
@@ -97,11 +108,81 @@ fn sparse_points_and_the_up_direction_of_colmap_models_are_judged() {
     let far = "1 100 0 0 10 20 30 0.5\n2 0 100 0 10 20 30 0.5\n";
     fs::write(folder.path().join("sparse/0/points3D.txt"), far).unwrap();
     let inspection = inspected(folder.path());
-    let warned = inspection
-        .warnings
-        .iter()
-        .any(|w| w.contains("none of the 2 sparse points"));
+    let warned = warns(&inspection, "none of the 2 sparse points");
     assert!(warned, "{:?}", inspection.warnings);
+}
+
+#[test]
+fn sparse_points_are_turned_as_the_capture_is() {
+    let made = small_capture(Vec3::new(0.5, -0.25, 2.0));
+    for up in UpAxis::ALL {
+        let folder = tempfile::tempdir().unwrap();
+        colmap_model::write(folder.path(), &lying(&made, up), Encoding::Binary);
+        let points = inspected_with(folder.path(), up).points;
+        let points = points.expect("the model has points");
+        assert_eq!((points.count, points.in_box), (72, 72), "{up:?}");
+    }
+    // The page has them as the text does.
+    let folder = tempfile::tempdir().unwrap();
+    colmap_model::write(folder.path(), &made, Encoding::Text);
+    let settings = Settings::default();
+    let (inspection, capture) = inspect(folder.path(), LoadOptions::default(), &settings).unwrap();
+    let page = page::html(&inspection, &capture).unwrap();
+    for row in [
+        "<td>sparse points</td><td>72, of which 72 lie in the mesh's box</td>",
+        "<td>axis nearest to upward</td><td>z</td>",
+        "<td>light unknown at best</td>",
+    ] {
+        assert!(page.contains(row), "{row}");
+    }
+}
+
+#[test]
+fn sparse_points_of_nerfstudio_are_judged_and_those_that_cannot_be_read_are_told_of() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("capture");
+    let made = small_capture(Vec3::new(0.5, -0.25, 2.0));
+    write(&path, &made).unwrap();
+    let json = path.join("transforms.json");
+    let mut transforms: Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
+    transforms["ply_file_path"] = "sparse_pc.ply".into();
+    fs::write(&json, transforms.to_string()).unwrap();
+    let put = |points: &[Vec3]| {
+        let header = format!(
+            "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+             property uint8 red\nend_header\n",
+            points.len()
+        );
+        let rows = points
+            .iter()
+            .map(|p| format!("{} {} {} 7\n", p.x, p.y, p.z));
+        let text = header + &rows.collect::<String>();
+        fs::write(path.join("sparse_pc.ply"), text).unwrap();
+    };
+    let counts = || {
+        let found = inspected(&path).points;
+        found.map(|points| (points.count, points.in_box))
+    };
+    // The file need not be there, where there is a mesh.
+    assert_eq!(counts(), None);
+    let corners = made.mesh.positions.iter().map(|p| *p + made.centre);
+    put(&corners.collect::<Vec<_>>());
+    assert_eq!(counts(), Some((72, 72)));
+    put(&[100.0 * Vec3::X]);
+    assert_eq!(counts(), Some((1, 0)));
+    assert!(warns(&inspected(&path), "none of the 1 sparse points"));
+    // A mesh holds no sparse points, and a run would take a capture whose points are damaged.
+    fs::write(
+        path.join("sparse_pc.ply"),
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n\
+         property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+    )
+    .unwrap();
+    assert_eq!(counts(), None);
+    fs::write(path.join("sparse_pc.ply"), "ply\n").unwrap();
+    let inspection = inspected(&path);
+    assert_eq!(inspection.problem, None);
+    assert!(warns(&inspection, "the sparse points say nothing"));
 }
 
 #[test]
@@ -128,12 +209,14 @@ fn a_world_on_its_side_is_noticed() {
         "{}",
         inspection.cameras.tilt
     );
-    assert!(
-        inspection
-            .warnings
-            .iter()
-            .any(|w| w.contains("off the world's z axis"))
-    );
+    assert!(warns(&inspection, "off the world's z axis"));
+    // What is to be typed is told, and with it there is nothing to warn of.
+    assert_eq!(inspection.cameras.nearest_up, "-y");
+    assert!(warns(&inspection, "probably with --up -y,"));
+    let upright = inspected_with(&path, UpAxis::NegY);
+    assert!(upright.cameras.tilt < 30.0, "{}", upright.cameras.tilt);
+    assert_eq!(upright.cameras.nearest_up, "-y");
+    assert!(!warns(&upright, "off the world's z axis"));
 }
 
 #[test]
@@ -205,6 +288,21 @@ fn a_capture_that_a_run_would_refuse_is_shown_with_the_reason() {
     );
     let page = fs::read_to_string(out.join("inspection.html")).unwrap();
     assert!(page.contains("the mesh and the cameras disagree"));
+}
+
+#[test]
+fn what_no_run_has_the_memory_for_is_a_problem() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("capture");
+    write(&path, &small_capture(Vec3::ZERO)).unwrap();
+    let settings = Settings {
+        memory: 1 << 20,
+        ..Settings::default()
+    };
+    let (inspection, _) = inspect(&path, LoadOptions::default(), &settings).unwrap();
+    let problem = inspection.problem.expect("a run takes more than that");
+    assert!(problem.contains("more than the 1 MiB"), "{problem}");
+    assert!(problem.contains("(--max-size)"), "{problem}");
 }
 
 #[test]

@@ -110,10 +110,10 @@ fn a_vignette_is_fitted_and_taken_out() {
 #[test]
 fn an_interrupted_run_goes_on_bit_for_bit() {
     // That both ends are the same takes no fine photographs.
-    let (capture, _) = made(36);
+    let (capture, _) = made(28);
     let taken = vignetted(&capture);
     let with = Settings {
-        iterations: Some(5),
+        iterations: Some(4),
         ..settings(&["vignetting", "black_level"])
     };
     let whole = joint::run(&taken, &with, &Control::detached()).unwrap();
@@ -122,7 +122,7 @@ fn an_interrupted_run_goes_on_bit_for_bit() {
     let interrupted = Control {
         stop: &stop,
         checkpoint: &|checkpoint| {
-            if checkpoint.iteration == 3 {
+            if checkpoint.iteration == 2 {
                 stop.store(true, Ordering::Relaxed);
             }
             *saved.lock().unwrap() = Some(checkpoint.clone());

@@ -137,6 +137,14 @@ fn randomness_never_comes_from_the_machine() {
 }
 
 #[test]
+fn nothing_asks_what_time_it_is() {
+    // Times are counted from a start, which a clock that is set does not change.
+    for folder in ["autodiff/src", "render/src", "eclipse/src"] {
+        absent(folder, "SystemTime", &[]);
+    }
+}
+
+#[test]
 fn files_can_be_read_in_one_sitting() {
     for folder in ["render/src", "eclipse/src"] {
         for file in sources(folder) {

@@ -2,11 +2,11 @@
 #![cfg(unix)]
 
 use std::{
-    fs,
+    fs::{self, File},
     path::{Path, PathBuf},
     process::{Child, Command, Output, Stdio},
     sync::OnceLock,
-    time::{Duration, Instant},
+    time::{Duration, Instant, SystemTime},
 };
 
 use eclipse::files::lock::Lock;
@@ -156,6 +156,27 @@ fn a_damaged_checkpoint_falls_back_to_the_one_before_it() {
     );
     assert_eq!(message.lines().count(), 1, "{message}");
     assert_eq!(fs::read(out.join("environment.exr")).unwrap(), before);
+}
+
+#[test]
+fn a_clock_that_was_set_in_between_changes_nothing() {
+    undisturbed();
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path();
+    let short = run_of("3", out).output().unwrap();
+    assert_eq!(short.status.code(), Some(0), "{}", stderr(&short));
+    // The latest state as old as a file can be, and the one before it, with all results, from the next century.
+    let century = Duration::from_secs(100 * 365 * 24 * 3600);
+    for name in files(out) {
+        let time = match name == Path::new("checkpoint.bin") {
+            true => SystemTime::UNIX_EPOCH,
+            false => SystemTime::now() + century,
+        };
+        let file = File::options().write(true).open(out.join(name)).unwrap();
+        file.set_modified(time).unwrap();
+    }
+    finish(out);
+    assert_like_undisturbed(out);
 }
 
 #[test]

@@ -3,20 +3,20 @@
 use std::{fs, path::Path, process::Output};
 
 use eclipse::{
-    capture::{Capture, read_cameras},
+    capture::{Capture, formats::colmap::Encoding, read_cameras},
     image_io::{read_exr, read_image, write_exr},
     mesh_io::{GlbSurface, MeshSurface, write_glb},
     output,
     reconstruction::VertexMaterial,
-    relight::{Object, Orbit, Quality, Stage, picture},
+    relight::{Object, Orbit, Quality, Stage, frame_names, picture},
     report::ReportOptions,
     synthesize::{self, Occluders, Pattern, Scene, Shooting},
 };
 use eclipse_tests::{
-    perfect,
+    colmap_model, perfect,
     program::{self, stderr, stdout, text},
     scenes,
-    small_capture::boxes,
+    small_capture::{SIZE, boxes, small_capture},
     statistics::mean_and_error,
 };
 use glam::Vec3;
@@ -392,6 +392,34 @@ fn what_cannot_be_relit_is_said_and_nothing_is_written_over() {
         &[&good[..], &["--camera", text(&inside)]].concat(),
         3,
         "within its bounding sphere",
+    );
+}
+
+#[test]
+fn cameras_are_those_of_a_capture_of_any_format() {
+    let folder = tempfile::tempdir().unwrap();
+    let centre = Vec3::new(0.5, -0.25, 2.0);
+    let made = small_capture(centre);
+    let [ours, colmap] = ["ours", "colmap"].map(|name| folder.path().join(name));
+    eclipse::capture::write(&ours, &made).unwrap();
+    colmap_model::write(&colmap, &made, Encoding::Text);
+    for (path, name) in [(ours, "003"), (colmap, "images/003")] {
+        let cameras = read_cameras(&path, None).unwrap();
+        assert_eq!(cameras.len(), made.frames.len());
+        for ((_, found), frame) in cameras.iter().zip(&made.frames) {
+            let mut expected = frame.camera.world_from_camera;
+            expected.w_axis += centre.extend(0.0);
+            assert!(found.world_from_camera.abs_diff_eq(expected, 1e-4));
+            assert_eq!([found.width, found.height], SIZE);
+        }
+        assert_eq!(frame_names(&path).unwrap()[3], name);
+        let halved = read_cameras(&path, Some(SIZE.map(|side| side / 2))).unwrap();
+        assert_eq!(halved[0].1.width, SIZE[0] / 2);
+    }
+    let error = read_cameras(folder.path(), None).unwrap_err().to_string();
+    assert!(
+        error.contains("none of the files that describe a capture"),
+        "{error}"
     );
 }
 

@@ -253,11 +253,11 @@ fn studies_that_reconstruct_leave_pages() {
         "--captures",
         folder.path().to_str().unwrap(),
         "--time-limit",
-        "2s",
+        "1s",
     ];
     for name in ["recovery", "lambertian", "masks", "relighting"] {
         let (summary, out) = study_of(name, &captures);
-        // A solve of two seconds may find little to plot.
+        // A solve of one second may find little to plot.
         complete_with(name, &summary, &out, 1);
         assert!(
             summary["sentence"].as_str().unwrap().contains("pair"),
@@ -268,7 +268,7 @@ fn studies_that_reconstruct_leave_pages() {
         let command = format!("eclipse study {name} --json --threads 1 --out ");
         assert!(page.contains(&command), "{name}");
         assert!(
-            page.contains(" --time-limit 2s</code> makes it again"),
+            page.contains(" --time-limit 1s</code> makes it again"),
             "{name}"
         );
     }

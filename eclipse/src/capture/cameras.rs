@@ -1,21 +1,22 @@
-//! Cameras alone, from a `transforms.json` whose photographs need not be there.
+//! Cameras alone: from a `transforms.json` whose photographs need not be there, or from a capture of any format.
 
 use std::path::Path;
 
 use render::camera::Camera;
 
 use super::{
-    CaptureError,
+    CaptureError, formats,
     paths::Folder,
     pose::{camera, declared_size, rigid_pose},
-    transforms::{MAX_TRANSFORMS, parse_transforms},
+    transforms::{MAX_TRANSFORMS, Transforms, parse_transforms},
 };
 use crate::{files::read_limited, image_io::read_image};
 
 /// Widest or highest picture that is rendered, in pixels.
 pub const MAX_PICTURE_SIDE: usize = 8192;
 
-/// Every camera of the file `path`, in its order and in its own frame, each with its frame's `file_path`.
+/// Every camera of the file `path`, or of the capture in the folder `path`, in its order and in its own frame, each with its frame's
+/// `file_path`.
 ///
 /// Sizes are `w` and `h`, else those of the photograph, else `size`; with `size` all cameras are brought to that size.
 ///
@@ -26,13 +27,7 @@ pub fn read_cameras(
     path: &Path,
     size: Option<[usize; 2]>,
 ) -> Result<Vec<(String, Camera)>, CaptureError> {
-    let bytes = read_limited(path, MAX_TRANSFORMS).map_err(|source| CaptureError::Read {
-        path: path.into(),
-        source,
-    })?;
-    let transforms = parse_transforms(&bytes, path)?;
-    let parent = path.parent().filter(|folder| *folder != Path::new(""));
-    let folder = Folder::new(parent.unwrap_or(Path::new(".")), false)?;
+    let (transforms, folder) = described(path)?;
     let mut cameras = Vec::with_capacity(transforms.frames.len());
     for frame in &transforms.frames {
         let name = &frame.file_path;
@@ -75,6 +70,30 @@ pub fn read_cameras(
         cameras.push((name.clone(), camera));
     }
     Ok(cameras)
+}
+
+/// What the file `path` says of all frames that it has; of the capture in the folder `path` what says how it was taken.
+///
+/// # Errors
+/// [`CaptureError`] where it cannot be read.
+pub fn read_described(path: &Path) -> Result<Transforms, CaptureError> {
+    described(path).map(|(transforms, _)| transforms)
+}
+
+/// The same with the folder that its files lie in.
+fn described(path: &Path) -> Result<(Transforms, Folder), CaptureError> {
+    if path.is_dir() {
+        let folder = Folder::new(path, false)?;
+        return Ok((formats::read(&folder)?.transforms, folder));
+    }
+    let bytes = read_limited(path, MAX_TRANSFORMS).map_err(|source| CaptureError::Read {
+        path: path.into(),
+        source,
+    })?;
+    let transforms = parse_transforms(&bytes, path)?;
+    let parent = path.parent().filter(|folder| *folder != Path::new(""));
+    let folder = Folder::new(parent.unwrap_or(Path::new(".")), false)?;
+    Ok((transforms, folder))
 }
 
 /// The same view with other pixels.

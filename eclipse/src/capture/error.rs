@@ -143,6 +143,12 @@ pub enum CaptureError {
     /// No mesh was found.
     #[error("{} holds no mesh.glb, .gltf, .obj or .ply; put the object's shape there, or name it with --mesh", path.display())]
     NoMesh { path: PathBuf },
+    /// nerfstudio's points where the object's shape is looked for.
+    #[error(
+        "`ply_file_path` names {}, which has {vertices} points and no faces, as nerfstudio's sparse points do; put the object's shape \
+         beside transforms.json as mesh.glb, .gltf, .obj or .ply, or name it with --mesh", path.display()
+    )]
+    OnlyPoints { path: PathBuf, vertices: usize },
     /// The mesh cannot be used.
     #[error("{source}")]
     Mesh {

@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 use glam::Vec3;
 use render::{camera::Camera, image::Image, mesh::Mesh};
 
-pub use cameras::{MAX_PICTURE_SIDE, read_cameras};
+pub use cameras::{MAX_PICTURE_SIDE, read_cameras, read_described};
 pub use error::CaptureError;
 pub use formats::Source;
 pub use lamps::{Lamp, Lamps};
@@ -30,7 +30,11 @@ pub use up::UpAxis;
 pub(crate) use write::vacant;
 pub use write::{write, write_with};
 
-use crate::{capture::paths::Folder, image_io::ColorEncoding, mesh_io::read_mesh};
+use crate::{
+    capture::{paths::Folder, transforms::Transforms},
+    image_io::ColorEncoding,
+    mesh_io::{MeshIoError, MeshParseError, read_mesh},
+};
 
 /// Most samples (pixels × channels) of all photographs and masks of a capture together: 8 GiB as floats.
 ///
@@ -109,19 +113,33 @@ pub fn photographs(path: &Path) -> Result<Vec<Option<PathBuf>>, CaptureError> {
     Ok(names.map(photograph).collect())
 }
 
+/// The mesh that is `asked` for, else the capture's own.
+fn own_mesh(
+    folder: &Folder,
+    asked: Option<&Path>,
+    transforms: &Transforms,
+) -> Result<Mesh, CaptureError> {
+    let path = folder.mesh(asked, transforms)?;
+    let named = transforms.ply_file_path.as_deref();
+    let named = named.and_then(|name| folder.ply(name).ok());
+    read_mesh(&path).map_err(|error| match error {
+        MeshIoError::Parse {
+            source: MeshParseError::NoFaces { vertices },
+            path,
+        } if asked.is_none() && named.as_ref() == Some(&path) => {
+            CaptureError::OnlyPoints { path, vertices }
+        }
+        error => error.into(),
+    })
+}
+
 impl Capture {
-    /// What describes the capture in the folder `path`, without its images; in the axes of its files, and without sparse points
-    /// where those are not the axes of what [`Capture::load`] reads.
+    /// What describes the capture in the folder `path`, without its images; in the axes of its files.
     ///
     /// # Errors
     /// [`CaptureError`] names the file, the field, what was expected and what to do.
     pub fn describe(path: &Path, options: &LoadOptions) -> Result<Source, CaptureError> {
-        let source = formats::read(&Folder::new(path, options.allow_outside)?)?;
-        Ok(Source {
-            // They are told in the axes of the files, and nothing that is made of the capture is.
-            points: source.points.filter(|_| options.up == UpAxis::Z),
-            ..source
-        })
+        formats::read(&Folder::new(path, options.allow_outside)?)
     }
 
     /// Reads and checks the capture in the folder `path`.
@@ -141,7 +159,7 @@ impl Capture {
         let shape = transforms.shape.as_ref().filter(|_| options.mesh.is_none());
         let mut mesh = match shape {
             Some(shape) => lamps::mesh_of(shape, &described)?,
-            None => read_mesh(&folder.mesh(options.mesh.as_deref(), &transforms)?)?,
+            None => own_mesh(&folder, options.mesh.as_deref(), &transforms)?,
         };
         let encoding = options.color_encoding.or(transforms.color_encoding);
         let reading = (encoding, options.max_size);
@@ -179,7 +197,7 @@ impl Capture {
     /// Refuses cameras within the object's bounding sphere, with the likely cause when one can be named.
     fn check_distances(
         &self,
-        transforms: &transforms::Transforms,
+        transforms: &Transforms,
         options: &LoadOptions,
     ) -> Result<(), CaptureError> {
         let radius = self.mesh.bounding_radius();

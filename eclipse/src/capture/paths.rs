@@ -82,11 +82,16 @@ impl Folder {
             return self.check("mesh", path);
         }
         match &transforms.ply_file_path {
-            Some(name) => self.check("ply_file_path", self.join(name)),
+            Some(name) => self.ply(name),
             None => Err(CaptureError::NoMesh {
                 path: self.path.clone(),
             }),
         }
+    }
+
+    /// The file that `ply_file_path` names: the mesh, or sparse points.
+    pub fn ply(&self, name: &str) -> Result<PathBuf, CaptureError> {
+        self.check("ply_file_path", self.join(name))
     }
 
     fn join(&self, name: &str) -> PathBuf {

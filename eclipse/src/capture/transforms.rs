@@ -36,6 +36,8 @@ pub struct Transforms {
     pub ply_file_path: Option<String>,
     /// Rows of the 3 × 4 or 4 × 4 transform that nerfstudio applied to the original poses.
     pub applied_transform: Option<Vec<Vec<f64>>>,
+    /// The factor by which it scaled them afterwards.
+    pub applied_scale: Option<f64>,
     /// Which frames nerfstudio trains with, by `file_path`.
     pub train_filenames: Option<Vec<String>>,
     /// Which it keeps for validation.

@@ -56,6 +56,16 @@ impl UpAxis {
         Mat3::from_cols(x, y, z)
     }
 
+    /// The axis nearest to `direction`.
+    pub fn nearest(direction: Vec3) -> Self {
+        let along = |axis: Self| axis.turn().transpose() * Vec3::Z;
+        let nearer = |a: &Self, b: &Self| {
+            let [a, b] = [*a, *b].map(|axis| along(axis).dot(direction));
+            a.total_cmp(&b)
+        };
+        Self::ALL.into_iter().max_by(nearer).unwrap_or_default()
+    }
+
     /// A camera of the capture's own world in the world whose z points up.
     pub fn turned(self, camera: Camera) -> Camera {
         // Not even the sign of a zero is touched where nothing is to be done.
@@ -120,6 +130,8 @@ mod tests {
             assert_eq!(up.turn() * axis, Vec3::Z, "{up:?}");
             assert_eq!(up.turn().determinant(), 1.0, "{up:?}");
             assert_eq!(up.name().parse(), Ok(up));
+            let leaning = axis + Vec3::new(0.3, -0.4, 0.2);
+            assert_eq!(UpAxis::nearest(leaning), up);
         }
         assert!("up".parse::<UpAxis>().unwrap_err().contains("-y"));
     }

@@ -38,6 +38,13 @@ pub fn save(folder: &Path, checkpoint: &Checkpoint) -> Result<(), CheckpointErro
     Ok(())
 }
 
+/// Whether a run has left a checkpoint in `folder`, good or not.
+pub fn is_in(folder: &Path) -> bool {
+    [LATEST, PREVIOUS]
+        .iter()
+        .any(|name| folder.join(name).is_file())
+}
+
 /// Reads the latest checkpoint of `folder`, or its predecessor when the latest is missing or damaged.
 ///
 /// # Errors

@@ -78,7 +78,7 @@ pub(super) struct ReadingArguments {
     #[arg(long, value_enum, value_name = "ENCODING")]
     pub color: Option<ColorName>,
     /// Axis of the capture's world that points up: x, y, z, -x, -y or -z [default: z]. Cameras and mesh are turned so that it is z
-    /// in all that is written. COLMAP models need it: what is up in them is arbitrary.
+    /// in all that is written. COLMAP models need it: what is up in them is arbitrary. inspect tells which axis it probably is.
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
     pub up: Option<UpAxis>,
     /// Longest side of photographs, in pixels: larger ones, and their masks, are reduced by means over areas [default: none is].
@@ -137,12 +137,61 @@ impl ColorName {
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
+    use std::{fs, path::Path};
+
+    use clap::{Command, CommandFactory, error::ErrorKind};
 
     use super::Arguments;
 
     #[test]
     fn the_definition_is_consistent() {
         Arguments::command().debug_assert();
+    }
+
+    /// The lines of a text that call the program, without comments and without what a shell makes of the output.
+    fn calls(text: &str) -> Vec<String> {
+        let joined = text.replace("\\\n", " ");
+        let call = |line: &str| {
+            let line = line.trim_start();
+            let by_cargo = line.strip_prefix("cargo run --release --locked -- ");
+            let options = by_cargo.or_else(|| line.strip_prefix("eclipse "))?;
+            let end = ["#", " > ", " | "].map(|end| options.find(end));
+            let end = end.into_iter().flatten().min();
+            Some(format!(
+                "eclipse {}",
+                &options[..end.unwrap_or(options.len())]
+            ))
+        };
+        joined.lines().filter_map(call).collect()
+    }
+
+    /// What follows the help of a command and of all below it.
+    fn examples(command: &Command) -> Vec<String> {
+        let below = command.get_subcommands().flat_map(examples);
+        let own = command.get_after_help().map(ToString::to_string);
+        own.into_iter().chain(below).collect()
+    }
+
+    #[test]
+    fn every_call_that_help_and_documentation_show_is_understood() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+        let mut texts = examples(&Arguments::command());
+        for file in [
+            "README.md",
+            "eclipse/docs/first_run.md",
+            "eclipse/docs/when_it_fails.md",
+        ] {
+            texts.push(fs::read_to_string(root.join(file)).expect("a file of the project"));
+        }
+        let calls: Vec<String> = texts.iter().flat_map(|text| calls(text)).collect();
+        assert!(calls.len() > 60, "{calls:#?}");
+        for call in calls {
+            let parsed = Arguments::command().try_get_matches_from(call.split_whitespace());
+            if let Err(error) = parsed
+                && error.kind() != ErrorKind::DisplayHelp
+            {
+                panic!("{call}: {error}");
+            }
+        }
     }
 }

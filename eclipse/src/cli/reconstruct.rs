@@ -42,9 +42,9 @@ const RECONSTRUCT_EXAMPLES: &str = "Examples:
   eclipse reconstruct my-capture --out out/camera --with exposure_drift,vignetting
   eclipse reconstruct my-colmap --out out/colmap --up -y --max-size 1024    # y points down in it, the photographs are large
 
-A capture is a folder with transforms.json (Blender/NeRF or nerfstudio) or a COLMAP model, the photographs
-it names (EXR, HDR, PNG, JPEG; alpha or masks) and a mesh (mesh.glb, .gltf, .obj or .ply). The light is recovered with z up. Which way
-is up in a COLMAP model is arbitrary: say it with --up, where it is not z.
+A capture is a folder with transforms.json (Blender/NeRF or nerfstudio), transforms_train.json (Blender's splits, Stanford-ORB) or a
+COLMAP model, the photographs it names (EXR, HDR, PNG, JPEG; alpha or masks) and a mesh (mesh.glb, .gltf, .obj or .ply). The light is
+recovered with z up. Which way is up in a COLMAP model is arbitrary: say it with --up, where it is not z; eclipse inspect tells it.
 
 With --resume, options that are not given are those of the run's beginning (but for --allow-outside, which has to be given again). Time
 limit, iterations, threads and memory may be others, with the same result bit for bit as far as a run goes.";
@@ -165,6 +165,14 @@ pub(super) fn run(
         false => arguments.progress.style(arguments.json),
     };
     announce(&capture, settings, planned, style);
+    if !arguments.resume && style == Style::Bar && checkpoint::is_in(&folder) {
+        // Ctrl-C before the first step leaves all as it is.
+        let _ = writeln!(
+            std::io::stderr(),
+            "{} holds an earlier run, which this one begins to write over with its first step; --resume goes on with it instead",
+            folder.display()
+        );
+    }
     let display = ProgressDisplay::new(settings, style);
     let dashboard = arguments.dashboard(settings)?;
     let light: &(dyn Fn(&Image) + Sync) = &|environment| {

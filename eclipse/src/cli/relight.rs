@@ -31,7 +31,8 @@ const EXAMPLES: &str = "Examples:
   eclipse relight out/mine --environment studio.exr
   eclipse relight out/mine --environment sunset.hdr --frames 1 --azimuth 30 --exposure 1 --backdrop
   eclipse relight out/mine --environment out/other/environment.exr --rotate 90 --size 1024x768 --out out/turntable
-  eclipse relight out/mine --environment studio.exr --camera my-capture/transforms.json --frames 4
+  eclipse relight out/mine --environment studio.exr --camera my-capture --frames 4   # from where four of its photographs were taken
+  eclipse relight out/colmap --environment studio.exr --camera my-colmap --up -y
   eclipse relight out/cup --environments ground_truth --axes camera --camera blender_HDR/cup_scene001/transforms_novel.json \\
     --names-from-cameras --size 512x512 --out out/cup/novel   # Stanford-ORB; see eclipse evaluate --help
 
@@ -62,10 +63,11 @@ pub(super) struct RelightArguments {
     /// with --axes camera skylibs].
     #[arg(long, value_name = "NAME")]
     pub convention: Option<Convention>,
-    /// Cameras: `orbit`, a circle around the object, or a transforms.json in the capture's frame.
-    #[arg(long, value_name = "orbit|FILE", default_value = "orbit")]
+    /// Cameras: `orbit`, a circle around the object, or those of a transforms.json or of a capture's folder, COLMAP's too, in the frame
+    /// of the object.
+    #[arg(long, value_name = "orbit|PATH", default_value = "orbit")]
     pub camera: PathBuf,
-    /// Axis of the world of that file that points up, as it was told to reconstruct: x, y, z, -x, -y or -z.
+    /// Axis of the world of those cameras that points up, as it was told to reconstruct: x, y, z, -x, -y or -z.
     #[arg(
         long,
         value_name = "AXIS",
@@ -73,10 +75,10 @@ pub(super) struct RelightArguments {
         allow_hyphen_values = true
     )]
     pub up: UpAxis,
-    /// Call the pictures as the cameras' file calls its frames, folders included.
+    /// Call the pictures as the cameras' file or capture calls its frames, folders included.
     #[arg(long)]
     pub names_from_cameras: bool,
-    /// Pictures: of an orbit [default: 24], or so many of the file's cameras, evenly spread [default: all].
+    /// Pictures: of an orbit [default: 24], or so many of those cameras, evenly spread [default: all].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=10_000))]
     pub frames: Option<u16>,
     /// Height of the orbit above the horizon, in degrees.
@@ -94,7 +96,7 @@ pub(super) struct RelightArguments {
     /// Turns the light about the vertical axis, in degrees, counter-clockwise seen from above.
     #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true, value_parser = degrees)]
     pub rotate: f32,
-    /// Pixels across and down [default: 512x512, or those of the file's cameras].
+    /// Pixels across and down [default: 512x512, or those of the cameras].
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub size: Option<[usize; 2]>,
     /// Light paths a pixel: four times as many, half the noise.

@@ -1,8 +1,14 @@
 //! Errors of albedo and specular parameters on the pixels that the object covers wholly.
 
+use std::borrow::Cow;
+
 use render::image::Image;
 
 use super::{AlbedoScore, EvaluateError, MaterialScore};
+use crate::image_io::{reduce, reduced_size};
+
+/// Coverage of a larger pixel from which the object covers it wholly.
+const WHOLE: f32 = 0.999;
 
 /// The true albedo through one camera.
 #[derive(Clone, Debug)]
@@ -31,9 +37,10 @@ pub fn albedo(
     truth: &[TrueAlbedo],
     scale: [f64; 3],
 ) -> Result<AlbedoScore, EvaluateError> {
-    check(estimate, truth)?;
+    let truth = in_sizes_of(estimate, truth);
+    check(estimate, &truth)?;
     let (mut sum, mut count) = (0.0, 0u64);
-    for (estimate, truth) in estimate.iter().zip(truth) {
+    for (estimate, truth) in estimate.iter().zip(&*truth) {
         for index in object_pixels(truth) {
             let guess = &estimate.data[index * estimate.channels..][..3];
             let truth = &truth.albedo.data[index * truth.albedo.channels..][..3];
@@ -60,10 +67,11 @@ pub fn specular(
     truth: &[TrueAlbedo],
     specular: Specular,
 ) -> Result<MaterialScore, EvaluateError> {
-    check(estimate, truth)?;
+    let truth = in_sizes_of(estimate, truth);
+    check(estimate, &truth)?;
     let rmse = |channel: usize, expected: f64| {
         let (mut sum, mut count) = (0.0, 0u64);
-        for (estimate, truth) in estimate.iter().zip(truth) {
+        for (estimate, truth) in estimate.iter().zip(&*truth) {
             for index in object_pixels(truth) {
                 let value = estimate.data[index * estimate.channels + channel];
                 sum += (f64::from(value) - expected).powi(2);
@@ -77,6 +85,47 @@ pub fn specular(
         alpha_rmse: rmse(3, specular.alpha),
         kappa_rmse: rmse(4, specular.kappa),
     })
+}
+
+/// The truth in the sizes of `estimate`, where a run reduced its photographs to them (`--max-size`), else as it is.
+fn in_sizes_of<'a>(estimate: &[Image], truth: &'a [TrueAlbedo]) -> Cow<'a, [TrueAlbedo]> {
+    let smaller = |estimate: &Image, truth: &TrueAlbedo| {
+        let own = [truth.albedo.width, truth.albedo.height];
+        let size = [estimate.width, estimate.height];
+        let reduced = reduced_size(own, size[0].max(size[1])) == size;
+        (size != own && reduced).then_some(size)
+    };
+    let sizes = estimate.iter().zip(truth);
+    let sizes: Vec<_> = sizes.map(|(e, t)| smaller(e, t)).collect();
+    // Another number is refused, whatever the sizes are.
+    if sizes.len() != truth.len() || sizes.iter().all(Option::is_none) {
+        return Cow::Borrowed(truth);
+    }
+    let in_size = |(truth, size): (&TrueAlbedo, &Option<[usize; 2]>)| match *size {
+        Some(size) => truth.reduced(size),
+        None => truth.clone(),
+    };
+    Cow::Owned(truth.iter().zip(&sizes).map(in_size).collect())
+}
+
+impl TrueAlbedo {
+    /// What larger pixels see of it: those that the object covers wholly.
+    fn reduced(&self, size: [usize; 2]) -> Self {
+        let object = Image {
+            channels: 1,
+            data: self
+                .object
+                .iter()
+                .map(|&object| f32::from(u8::from(object)))
+                .collect(),
+            ..self.albedo
+        };
+        let covered = reduce(&object, size).data;
+        Self {
+            albedo: reduce(&self.albedo, size),
+            object: covered.into_iter().map(|share| share >= WHOLE).collect(),
+        }
+    }
 }
 
 fn object_pixels(truth: &TrueAlbedo) -> impl Iterator<Item = usize> {
@@ -176,6 +225,34 @@ mod tests {
         );
         let error = albedo(&[Image::filled(3, 1, 5, 0.0)], &[truth()], [1.0; 3]).unwrap_err();
         assert!(error.to_string().contains("3 × 1 × 5") && error.to_string().contains("2 × 1 × 5"));
+    }
+
+    #[test]
+    fn a_run_on_reduced_photographs_is_scored_by_the_truth_reduced() {
+        // Two pixels of four each: the first of albedo ½ on average, the second not wholly the object's.
+        let mut truth = TrueAlbedo {
+            albedo: Image::filled(4, 2, 3, 0.0),
+            object: vec![true; 8],
+        };
+        for (x, value) in [0.4, 0.6, 0.5, 0.5].into_iter().enumerate() {
+            for y in 0..2 {
+                truth.albedo.pixel_mut(x, y).fill(value);
+            }
+        }
+        truth.object[7] = false;
+        let guess = [estimate([0.6, 0.4, 0.6, 0.6, 0.04])];
+        let truth = [truth];
+        let score = albedo(&guess, &truth, [1.0; 3]).unwrap();
+        assert!((score.psnr_aligned.unwrap() - 20.0).abs() < 1e-5);
+        let known = Specular {
+            alpha: 0.5,
+            kappa: 0.04,
+        };
+        let score = specular(&guess, &truth, known).unwrap();
+        assert!((score.alpha_rmse.unwrap() - 0.1).abs() < 1e-6);
+        // Another shape is another capture.
+        let square = [Image::filled(2, 2, 5, 0.0)];
+        assert!(albedo(&square, &truth, [1.0; 3]).is_err());
     }
 
     #[test]

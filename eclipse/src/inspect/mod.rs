@@ -19,7 +19,7 @@ pub use limit::LimitInspection;
 
 use crate::{
     capture::{
-        Capture, CaptureError, Frame, Lamps, LoadOptions, Source, formats::colmap::read_points,
+        Capture, CaptureError, Frame, Lamps, LoadOptions, Source, UpAxis, formats::read_points,
         mask_overlap,
     },
     reconstruct,
@@ -57,7 +57,7 @@ pub struct Inspection {
     pub coverage: CoverageInspection,
     /// What the photographs can tell of the light at best.
     pub limit: Option<LimitInspection>,
-    /// COLMAP's sparse points, where they are there.
+    /// Sparse points of COLMAP or nerfstudio, where they are there.
     pub points: Option<PointsInspection>,
     /// What a run with default options takes.
     pub run: RunInspection,
@@ -122,6 +122,8 @@ pub struct CamerasInspection {
     pub widest_gap: f32,
     /// Angle between the photographs' mean upward direction and the world's z.
     pub tilt: f32,
+    /// The axis of the capture's own world that is nearest to that direction, as `--up` takes it.
+    pub nearest_up: &'static str,
 }
 
 /// Known lamps, one a photograph.
@@ -174,7 +176,8 @@ pub struct RunInspection {
 
 /// Reads a capture and says what was understood; with it the capture, for pictures.
 ///
-/// A capture whose mesh and masks disagree is inspected all the same, with the disagreement as its problem.
+/// A capture whose mesh and masks disagree, or that needs more memory than the settings allow, is inspected all the same, with that as
+/// its problem.
 ///
 /// # Errors
 /// A capture that cannot be read.
@@ -183,7 +186,7 @@ pub fn inspect(
     options: LoadOptions,
     settings: &Settings,
 ) -> Result<(Inspection, Capture), CaptureError> {
-    let source = Capture::describe(path, &options)?;
+    let (source, up) = (Capture::describe(path, &options)?, options.up);
     let (capture, problem) = match Capture::load(path, &options) {
         Ok(capture) => (capture, None),
         Err(CaptureError::Disagreement(diagnosis)) => {
@@ -200,29 +203,49 @@ pub fn inspect(
         }
         Err(error) => return Err(error),
     };
-    let inspection = of_capture(&capture, &source, settings, problem)?;
+    let problem = problem.or_else(|| too_large(&capture, settings));
+    let inspection = of_capture(&capture, &source, up, settings, problem);
     Ok((inspection, capture))
+}
+
+/// Why a run would refuse the capture for its size, where it would.
+fn too_large(capture: &Capture, settings: &Settings) -> Option<String> {
+    // Where lamps are known there is no run, and a diagnosis has no such bound.
+    let checked = match capture.lamps {
+        None => reconstruct::check_memory(capture, settings),
+        Some(_) => Ok(()),
+    };
+    checked.err().map(|error| error.to_string())
 }
 
 fn of_capture(
     capture: &Capture,
     source: &Source,
+    up: UpAxis,
     settings: &Settings,
     problem: Option<String>,
-) -> Result<Inspection, CaptureError> {
+) -> Inspection {
     let frames: Vec<FrameInspection> = capture
         .frames
         .par_iter()
         .map(|frame| of_frame(capture, frame))
         .collect();
-    let points = source.points.as_deref().map(read_points).transpose()?;
+    // A run does without them.
+    let points = source.points.as_deref().map(read_points).transpose();
+    let (points, unread) = match points {
+        Ok(points) => (points.flatten(), None),
+        Err(error) => (
+            None,
+            Some(format!("the sparse points say nothing: {error}")),
+        ),
+    };
     let mut inspection = Inspection {
         capture: capture.path.clone(),
         format: source.format,
         described_by: source.path.clone(),
         left_out: source.left_out,
         object: object(capture),
-        cameras: cameras(capture, &frames),
+        cameras: cameras(capture, up, &frames),
         lamps: capture.lamps.as_ref().map(|known| lamps(capture, known)),
         silhouettes: silhouettes(&frames),
         exposure: exposure::inspect(capture, &frames),
@@ -232,14 +255,15 @@ fn of_capture(
             None => limit::at_a_glance(capture, u64::MAX).ok(),
             Some(_) => None,
         },
-        points: points.map(|points| of_points(capture, &points)),
+        points: points.map(|points| of_points(capture, up, &points)),
         run: run(capture, settings),
         frames,
         warnings: Vec::new(),
         problem,
     };
     inspection.warnings = warnings::all(&inspection);
-    Ok(inspection)
+    inspection.warnings.extend(unread);
+    inspection
 }
 
 fn of_frame(capture: &Capture, frame: &Frame) -> FrameInspection {
@@ -278,7 +302,7 @@ fn object(capture: &Capture) -> ObjectInspection {
     }
 }
 
-fn cameras(capture: &Capture, frames: &[FrameInspection]) -> CamerasInspection {
+fn cameras(capture: &Capture, turned: UpAxis, frames: &[FrameInspection]) -> CamerasInspection {
     let range = |of: fn(&FrameInspection) -> f32| {
         let values = frames.iter().map(of);
         [
@@ -291,16 +315,22 @@ fn cameras(capture: &Capture, frames: &[FrameInspection]) -> CamerasInspection {
     let around = azimuths.first().map(|first| first + 360.0);
     let next = azimuths.iter().skip(1).copied().chain(around);
     let gaps = azimuths.iter().zip(next).map(|(from, to)| to - from);
-    let up: Vec3 = capture
+    let upward: Vec3 = capture
         .frames
         .iter()
         .map(|frame| frame.camera.world_from_camera.y_axis.truncate())
         .sum();
+    // Among the axes of the files, in which `--up` is said.
+    let in_files = turned.turn().transpose() * upward;
     CamerasInspection {
         distance: range(|frame| frame.distance),
         elevation: range(|frame| frame.elevation),
         widest_gap: gaps.fold(0.0, f32::max),
-        tilt: up.normalize_or(Vec3::Z).angle_between(Vec3::Z).to_degrees(),
+        tilt: upward
+            .normalize_or(Vec3::Z)
+            .angle_between(Vec3::Z)
+            .to_degrees(),
+        nearest_up: UpAxis::nearest(in_files).name(),
     }
 }
 
@@ -331,11 +361,12 @@ fn silhouettes(frames: &[FrameInspection]) -> SilhouettesInspection {
     }
 }
 
-fn of_points(capture: &Capture, points: &[Vec3]) -> PointsInspection {
+/// `points` in the axes of the files, the capture being turned so that their `up` is z.
+fn of_points(capture: &Capture, up: UpAxis, points: &[Vec3]) -> PointsInspection {
     let [low, high] = capture.mesh.bounds();
-    let margin = 0.05 * (high - low);
+    let (margin, turn) = (0.05 * (high - low), up.turn());
     let inside = |point: &&Vec3| {
-        let point = **point - capture.centre;
+        let point = turn * **point - capture.centre;
         point.cmpge(low - margin).all() && point.cmple(high + margin).all()
     };
     PointsInspection {

@@ -107,13 +107,12 @@ pub fn html(inspection: &Inspection, capture: &Capture) -> Result<String, PageEr
 }
 
 fn summary(inspection: &Inspection) -> String {
-    let fit = if inspection.problem.is_some() {
-        "mesh and cameras disagree"
-    } else {
-        "mesh and cameras agree"
+    let verdict = match inspection.problem {
+        Some(_) => " A run would refuse the capture.",
+        None => "",
     };
     format!(
-        "{} photographs ({}) of an object of {} triangles; {fit}: silhouettes overlap the masks by {:.2}.",
+        "{} photographs ({}) of an object of {} triangles; silhouettes overlap the masks by {:.2}.{verdict}",
         inspection.frames.len(),
         inspection.format,
         inspection.object.faces,
@@ -206,6 +205,17 @@ fn numbers(inspection: &Inspection) -> String {
         ..
     } = inspection;
     let triple = |v: [f32; 3]| v.map(|v| number(v.into())).join(" × ");
+    let points = inspection.points.as_ref().map(|points| {
+        let (count, inside) = (points.count, points.in_box);
+        format!("{count}, of which {inside} lie in the mesh's box")
+    });
+    let light = inspection.limit.map(|limit| {
+        let [somebody, nobody] =
+            [limit.with_somebody, limit.with_nobody].map(|left| format!("{:.0} %", 100.0 * left));
+        format!(
+            "{somebody} of its variation with somebody behind each camera, {nobody} with nobody"
+        )
+    });
     let range =
         |[low, high]: [f32; 2]| format!("{} to {}", number(low.into()), number(high.into()));
     table(&json!({
@@ -218,6 +228,9 @@ fn numbers(inspection: &Inspection) -> String {
         "camera_elevation": range(cameras.elevation),
         "widest_gap_between_cameras": cameras.widest_gap,
         "tilt_of_the_photographs": cameras.tilt,
+        "axis_nearest_to_upward": cameras.nearest_up,
+        "sparse_points": points,
+        "light_unknown_at_best": light,
         "worst_overlap": format!("{:.2} (frame {})", inspection.silhouettes.worst, inspection.silhouettes.worst_frame),
         "median_level": exposure.median,
         "brightest_frame_over_darkest": exposure.spread,

@@ -24,7 +24,7 @@ pub(super) fn all(inspection: &Inspection) -> Vec<String> {
         points(inspection),
     ];
     // Known light asks for no walk around the object, and lamps need not be alike.
-    let unknown_light = [few, gap, tilt, uneven, memory];
+    let unknown_light = [few, gap, tilt, uneven];
     let of_light = unknown_light
         .into_iter()
         .filter(|_| inspection.lamps.is_none());
@@ -70,8 +70,9 @@ fn tilt(inspection: &Inspection) -> Option<String> {
     let tilt = inspection.cameras.tilt;
     (tilt > TILTED).then(|| {
         format!(
-            "the photographs' upward direction is {tilt:.0}° off the world's z axis, which an operator is taken to stand along: turn cameras \
-             and mesh to z up, or use --occluder-prior none"
+            "the photographs' upward direction is {tilt:.0}° off the world's z axis, which an operator is taken to stand along: say \
+             which axis points up, probably with --up {}, or use --occluder-prior none",
+            inspection.cameras.nearest_up
         )
     })
 }
@@ -106,19 +107,8 @@ fn points(inspection: &Inspection) -> Option<String> {
     let points = inspection.points.as_ref()?;
     (points.count > 0 && points.in_box == 0).then(|| {
         format!(
-            "none of the {} sparse points lies in the mesh's box: bring the mesh into the COLMAP model's frame",
+            "none of the {} sparse points lies in the mesh's box: bring the mesh into the frame of points and cameras",
             points.count
-        )
-    })
-}
-
-fn memory(inspection: &Inspection) -> Option<String> {
-    let run = &inspection.run;
-    (run.memory > run.memory_allowed).then(|| {
-        format!(
-            "a run plans {} MiB of memory, more than the {} MiB allowed: raise --memory, or use fewer or smaller photographs",
-            run.memory >> 20,
-            run.memory_allowed >> 20
         )
     })
 }

@@ -28,7 +28,7 @@ impl Buffers {
             })
     }
 
-    /// Vectors of `N` floats, normalised integers among them.
+    /// Vectors of `N` floats; integers of 8 and 16 bits are such floats as well, normalised or as they are.
     pub fn floats<const N: usize>(
         &self,
         accessor: &Accessor,
@@ -37,14 +37,26 @@ impl Buffers {
             (accessor.dimensions(), N),
             (Dimensions::Scalar, 1) | (Dimensions::Vec2, 2) | (Dimensions::Vec3, 3)
         );
+        let normalized = accessor.normalized();
+        // The least signed integer has no counterpart: it stands for −1 as the next one does.
+        let integer = |value: f32, most: f32| match normalized {
+            true => (value / most).max(-1.0),
+            false => value,
+        };
         let element = |bytes: &[u8]| {
             let mut values = [0.0; N];
             let size = bytes.len() / N;
             for (value, bytes) in values.iter_mut().zip(bytes.chunks_exact(size)) {
                 *value = match (accessor.data_type(), bytes) {
                     (DataType::F32, &[a, b, c, d]) => f32::from_le_bytes([a, b, c, d]),
-                    (DataType::U8, &[a]) => f32::from(a) / 255.0,
-                    (DataType::U16, &[a, b]) => f32::from(u16::from_le_bytes([a, b])) / 65535.0,
+                    (DataType::U8, &[a]) => integer(f32::from(a), 255.0),
+                    (DataType::I8, &[a]) => integer(f32::from(a as i8), 127.0),
+                    (DataType::U16, &[a, b]) => {
+                        integer(f32::from(u16::from_le_bytes([a, b])), 65535.0)
+                    }
+                    (DataType::I16, &[a, b]) => {
+                        integer(f32::from(i16::from_le_bytes([a, b])), 32767.0)
+                    }
                     _ => return None,
                 };
             }

@@ -9,6 +9,15 @@ use super::{MAX_FILE, MeshParseError, gltf_accessor::Buffers, raw::RawMesh};
 
 /// Deepest nesting of nodes that is followed.
 const MAX_DEPTH: usize = 256;
+/// How the names of extensions begin that only concern looks, and that can be done without.
+const DISPENSABLE: [&str; 4] = [
+    "KHR_materials_",
+    "KHR_texture_",
+    "KHR_lights_",
+    "EXT_texture_",
+];
+/// Positions, normals and texture coordinates as integers, which are read like floats.
+const QUANTIZATION: &str = "KHR_mesh_quantization";
 
 /// Parses a self-contained glTF file, binary or JSON (buffers embedded as data URIs).
 pub fn parse_glb(bytes: &[u8]) -> Result<Mesh, MeshParseError> {
@@ -39,17 +48,14 @@ pub fn parse_gltf(bytes: &[u8], load: &mut Load<'_>) -> Result<Mesh, MeshParseEr
 pub(super) fn open(bytes: &[u8], load: &mut Load) -> Result<(Document, Buffers), MeshParseError> {
     let (json, blob) = split_glb(bytes)?;
     let mut root = Root::from_slice(json).map_err(|error| syntax(format!("its JSON: {error}")))?;
-    // What only concerns looks can be done without.
     root.extensions_required.retain(|name| {
-        ![
-            "KHR_materials_",
-            "KHR_texture_",
-            "KHR_lights_",
-            "EXT_texture_",
-        ]
-        .iter()
-        .any(|prefix| name.starts_with(prefix))
+        let only_looks = DISPENSABLE.iter().any(|prefix| name.starts_with(prefix));
+        !only_looks && name != QUANTIZATION
     });
+    // Else the library would call a sound file invalid.
+    if let Some(name) = root.extensions_required.first() {
+        return Err(MeshParseError::Unsupported(format!("the extension {name}")));
+    }
     // The library's validation indexes these unchecked.
     let primitives = root.meshes.iter().flat_map(|mesh| &mesh.primitives);
     let mut accessors = primitives.flat_map(|primitive| primitive.attributes.values());

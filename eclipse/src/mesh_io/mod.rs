@@ -17,6 +17,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use glam::Vec3;
 use render::mesh::Mesh;
 
 use crate::files::{atomic, read_limited};
@@ -25,7 +26,7 @@ pub use gltf_in::{Load, parse_glb, parse_gltf};
 pub use gltf_out::{GlbSurface, GlbTextures, encode_glb};
 pub use gltf_surface::{MeshSurface, SurfaceMaps, parse_surfaced_glb};
 pub use obj::parse_obj;
-pub use ply::parse_ply;
+pub use ply::{parse_ply, parse_ply_points};
 
 /// Largest mesh file that is read, in bytes; of glTF also the most that all its buffers may hold together.
 pub const MAX_FILE: u64 = 1 << 31;
@@ -52,6 +53,17 @@ pub fn read_mesh(path: &Path) -> Result<Mesh, MeshIoError> {
         _ => return Err(MeshIoError::Extension { path: path.into() }),
     };
     mesh.map_err(|source| MeshIoError::Parse {
+        path: path.into(),
+        source,
+    })
+}
+
+/// Reads the positions of a PLY file that holds points alone, as programs keep what they triangulated; `None` where it has faces.
+///
+/// # Errors
+/// A file that cannot be read, or is no PLY file.
+pub fn read_point_cloud(path: &Path) -> Result<Option<Vec<Vec3>>, MeshIoError> {
+    parse_ply_points(&read(path)?).map_err(|source| MeshIoError::Parse {
         path: path.into(),
         source,
     })

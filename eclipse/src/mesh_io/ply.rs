@@ -5,7 +5,7 @@ use render::mesh::Mesh;
 
 use super::{
     MeshParseError,
-    ply_header::{Element, Encoding, Property, Scalar, parse_header},
+    ply_header::{Element, Encoding, Header, Property, Scalar, parse_header},
     raw::RawMesh,
 };
 
@@ -17,19 +17,33 @@ const UV_NAMES: [[&str; 2]; 4] = [
     ["texcoord_u", "texcoord_v"],
 ];
 
-/// Parses a PLY file: elements `vertex` (x y z, optionally nx ny nz and texture coordinates) and `face`.
-pub fn parse_ply(bytes: &[u8]) -> Result<Mesh, MeshParseError> {
-    let header = parse_header(bytes)?;
-    let mut data = Data {
-        bytes: &bytes[header.length..],
-        encoding: header.encoding,
+/// Parses the positions of a PLY file that holds points alone; `None` where it has faces.
+///
+/// # Errors
+/// As [`parse_ply`], which wants faces.
+pub fn parse_ply_points(bytes: &[u8]) -> Result<Option<Vec<Vec3>>, MeshParseError> {
+    let (header, mut data) = open(bytes)?;
+    let is_surface = |element: &Element| {
+        matches!(element.name.as_str(), "face" | "tristrips") && element.count > 0
     };
+    if header.elements.iter().any(is_surface) {
+        return Ok(None);
+    }
     let mut raw = RawMesh::default();
     for element in &header.elements {
-        // Each row takes at least a byte: a count that cannot be true is refused before anything is stored.
-        if element.count > data.bytes.len() {
-            return Err(truncated(element, 0));
+        match element.name.as_str() {
+            "vertex" => read_vertices(element, &mut data, &mut raw)?,
+            _ => skip(element, &mut data)?,
         }
+    }
+    Ok(Some(raw.positions))
+}
+
+/// Parses a PLY file: elements `vertex` (x y z, optionally nx ny nz and texture coordinates) and `face`.
+pub fn parse_ply(bytes: &[u8]) -> Result<Mesh, MeshParseError> {
+    let (header, mut data) = open(bytes)?;
+    let mut raw = RawMesh::default();
+    for element in &header.elements {
         match element.name.as_str() {
             "vertex" => read_vertices(element, &mut data, &mut raw)?,
             "face" => read_faces(element, &mut data, &mut raw)?,
@@ -44,6 +58,24 @@ pub fn parse_ply(bytes: &[u8]) -> Result<Mesh, MeshParseError> {
     raw.finish()
 }
 
+/// The header, and what follows it.
+fn open(bytes: &[u8]) -> Result<(Header, Data<'_>), MeshParseError> {
+    let header = parse_header(bytes)?;
+    let data = Data {
+        bytes: &bytes[header.length..],
+        encoding: header.encoding,
+    };
+    Ok((header, data))
+}
+
+/// Refuses a count that cannot be true before anything is stored: each row takes at least a byte.
+fn check_count(element: &Element, data: &Data) -> Result<(), MeshParseError> {
+    match element.count > data.bytes.len() {
+        true => Err(truncated(element, 0)),
+        false => Ok(()),
+    }
+}
+
 fn truncated(element: &Element, row: usize) -> MeshParseError {
     let Element { name, count, .. } = element;
     MeshParseError::Syntax(format!(
@@ -56,6 +88,7 @@ fn read_vertices(
     data: &mut Data,
     raw: &mut RawMesh,
 ) -> Result<(), MeshParseError> {
+    check_count(element, data)?;
     let column = |name: &str| {
         element
             .properties
@@ -96,6 +129,7 @@ fn read_vertices(
 }
 
 fn read_faces(element: &Element, data: &mut Data, raw: &mut RawMesh) -> Result<(), MeshParseError> {
+    check_count(element, data)?;
     let mut corners = Vec::new();
     for index in 0..element.count {
         for property in &element.properties {
@@ -134,6 +168,7 @@ fn read_faces(element: &Element, data: &mut Data, raw: &mut RawMesh) -> Result<(
 }
 
 fn skip(element: &Element, data: &mut Data) -> Result<(), MeshParseError> {
+    check_count(element, data)?;
     for index in 0..element.count {
         for property in &element.properties {
             data.value(property)

@@ -48,7 +48,8 @@ pub(super) fn write(
     };
     // Programs prefer textures to vertex colours, which would be multiplied with them.
     let textures = (!materials.is_empty() && mesh.uvs.len() == mesh.positions.len())
-        .then(|| bake(&mesh, &materials));
+        .then(|| bake(&mesh, &materials))
+        .flatten();
     let surface = match &textures {
         None => surface,
         Some(textures) => GlbSurface {

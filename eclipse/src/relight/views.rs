@@ -8,10 +8,7 @@ use std::{
 use render::camera::Camera;
 
 use super::RelightError;
-use crate::{
-    capture::{CaptureError, parse_transforms, transforms::MAX_TRANSFORMS},
-    files::read_limited,
-};
+use crate::capture::read_described;
 
 /// Endings of a `file_path` that are of an image; others belong to the name.
 const EXTENSIONS: [&str; 5] = ["exr", "hdr", "png", "jpg", "jpeg"];
@@ -32,17 +29,14 @@ pub fn number(index: usize) -> String {
     format!("{index:03}")
 }
 
-/// What the frames of the cameras file `path` are called, in its order: their `file_path` without an image's extension; of a frame with a
-/// `scene_name` (Stanford-ORB's `transforms_novel.json`) that folder and the name of the file alone, as predictions of the benchmark are.
+/// What the frames of the cameras file or capture `path` are called, in its order: their `file_path` without an image's extension; of a
+/// frame with a `scene_name` (Stanford-ORB's `transforms_novel.json`) that folder and the name of the file alone, as predictions of the
+/// benchmark are.
 ///
 /// # Errors
 /// A file that cannot be read, [`RelightError::Name`] for a name that leads elsewhere or that two frames have.
 pub fn frame_names(path: &Path) -> Result<Vec<String>, RelightError> {
-    let bytes = read_limited(path, MAX_TRANSFORMS).map_err(|source| CaptureError::Read {
-        path: path.into(),
-        source,
-    })?;
-    let frames = parse_transforms(&bytes, path)?.frames;
+    let frames = read_described(path)?.frames;
     let mut seen = HashMap::new();
     let mut names = Vec::with_capacity(frames.len());
     for (index, frame) in frames.iter().enumerate() {

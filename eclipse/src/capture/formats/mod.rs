@@ -9,7 +9,10 @@ mod stanford_orb;
 
 use std::path::{Path, PathBuf};
 
+use glam::Vec3;
+
 use super::{CaptureError, paths::Folder, transforms::Transforms};
+use crate::mesh_io::read_point_cloud;
 
 /// The photographs and cameras that a capture describes, before any image is read.
 #[derive(Clone, Debug)]
@@ -23,7 +26,8 @@ pub struct Source {
     pub transforms: Transforms,
     /// Photographs that it keeps for validation and tests, which are left out.
     pub left_out: usize,
-    /// COLMAP's `points3D`, where it is there.
+    /// Sparse points in the axes of the files, where they are there: COLMAP's `points3D`, or what nerfstudio's `ply_file_path`
+    /// names, which may be the mesh as well. See [`read_points`].
     pub points: Option<PathBuf>,
 }
 
@@ -59,6 +63,20 @@ pub(super) fn read(folder: &Folder) -> Result<Source, CaptureError> {
         path: folder.path().into(),
         signs: signs.join(", "),
     })
+}
+
+/// Reads the points of [`Source::points`]; `None` where the file is a mesh.
+///
+/// # Errors
+/// A file that cannot be read, or understood.
+pub fn read_points(path: &Path) -> Result<Option<Vec<Vec3>>, CaptureError> {
+    match path
+        .extension()
+        .is_some_and(|own| own.eq_ignore_ascii_case("ply"))
+    {
+        true => Ok(read_point_cloud(path)?),
+        false => colmap::read_points(path).map(Some),
+    }
 }
 
 /// The source in the file `path`, of which nothing else is known yet.

@@ -24,8 +24,11 @@ fn read(folder: &Folder) -> Option<Result<Source, CaptureError>> {
         let transforms = read_file(&path)?;
         let all = transforms.frames.len();
         let transforms = training(transforms, &path)?;
+        let points = transforms.ply_file_path.as_deref();
         Ok(Source {
             left_out: all - transforms.frames.len(),
+            // What is not there, or not to be read, is told of where the mesh is looked for.
+            points: points.and_then(|name| folder.ply(name).ok()),
             ..source(&path, transforms)
         })
     })

@@ -121,7 +121,7 @@ fn axes(centre: Vec3, transforms: &Transforms) -> Vec<Cause> {
         ),
         on_mesh(
             "the mesh is z up and the cameras y up",
-            "export the mesh with y up, in the cameras' frame",
+            "export the mesh in the cameras' frame, as .obj or .ply, which are taken as they are (glTF is y up and is turned when it is read)",
             turn(Vec3::X, Vec3::NEG_Z, Vec3::Y),
         ),
         on_mesh(
@@ -160,10 +160,10 @@ fn axes(centre: Vec3, transforms: &Transforms) -> Vec<Cause> {
             Affine3A::from_translation(-centre),
         ),
     ];
-    if let Some(applied) = transforms.applied_transform.as_deref().and_then(affine) {
+    if let Some(applied) = applied(transforms) {
         causes.push(on_mesh(
             "`applied_transform` was applied to the cameras but not to the mesh",
-            "apply it to the mesh",
+            "apply it to the mesh (and `applied_scale` after it, where there is one)",
             applied,
         ));
         causes.push(on_mesh(
@@ -173,6 +173,14 @@ fn axes(centre: Vec3, transforms: &Transforms) -> Vec<Cause> {
         ));
     }
     causes
+}
+
+/// What nerfstudio did to the cameras, where it moved them.
+fn applied(transforms: &Transforms) -> Option<Affine3A> {
+    let moved = affine(transforms.applied_transform.as_deref()?)?;
+    let scale = transforms.applied_scale.unwrap_or(1.0) as f32;
+    let usable = scale.is_finite() && scale > 0.0;
+    usable.then(|| Affine3A::from_scale(Vec3::splat(scale)) * moved)
 }
 
 /// The transform of three or four rows of four numbers, when it has an inverse.

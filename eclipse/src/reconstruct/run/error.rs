@@ -27,7 +27,7 @@ pub enum ReconstructError {
     #[error(
         "a run takes about {needed} MiB of memory even with the surface divided as coarsely as it can be, more than the {allowed} MiB \
          allowed: give eclipse reconstruct --memory {needed}MiB or more (diagnose takes what it finds, with --reconstruction), or use \
-         fewer or smaller photographs",
+         fewer or smaller photographs (--max-size)",
         needed = needed.div_ceil(1 << 20), allowed = allowed >> 20
     )]
     Memory {
