@@ -1,6 +1,8 @@
 //! Inner products of many columns at once.
 
-use pulp::Arch;
+use std::ops::Range;
+
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 /// A row-major matrix of single precision.
@@ -14,15 +16,18 @@ pub struct Matrix {
     data: Vec<f32>,
 }
 
-/// Columns of a tile, which stays in registers, and rows that stay in the cache meanwhile.
+/// Columns of a tile, down and, in vectors, across: its sums stay in registers.
 const TALL: usize = 6;
-const WIDE: usize = 32;
+const VECTORS: usize = 2;
+/// Rows that stay in the cache meanwhile.
 const ROWS: usize = 48;
+/// Zeros after the columns: two of the widest vectors, of sixteen.
+const PADDING: usize = 16 * VECTORS;
 
 impl Matrix {
     /// From its columns, of the rows that `rows` names.
     pub fn from_columns(columns: &[impl AsRef<[f32]> + Sync], rows: &[usize]) -> Self {
-        let stride = columns.len() + WIDE;
+        let stride = columns.len() + PADDING;
         let mut data = vec![0.0; stride * rows.len()];
         data.par_chunks_mut(stride * 64)
             .zip(rows.par_chunks(64))
@@ -57,22 +62,15 @@ impl Matrix {
         &self.data[row * self.stride..][..self.columns]
     }
 
-    /// `N` columns of a row from one of them on; zeros where there are fewer.
+    /// `count` columns of a row from one of them on; zeros where there are fewer.
     #[inline(always)]
-    fn part<const N: usize>(&self, row: usize, from: usize) -> &[f32; N] {
-        let part = self.data[row * self.stride + from..].first_chunk();
-        part.expect("as many zeros follow the columns as a tile is wide")
+    fn part(&self, row: usize, from: usize, count: usize) -> &[f32] {
+        &self.data[row * self.stride + from..][..count]
     }
 
     /// The inner products of the columns `a` with the columns `b`, added to `out` (`[column][column]`, all of them), summed
     /// over these rows.
-    pub fn products(
-        &self,
-        rows: std::ops::Range<usize>,
-        a: std::ops::Range<usize>,
-        b: std::ops::Range<usize>,
-        out: &mut [f64],
-    ) {
+    pub fn products(&self, rows: Range<usize>, a: Range<usize>, b: Range<usize>, out: &mut [f64]) {
         let width = self.columns;
         if a.is_empty() {
             return;
@@ -82,9 +80,15 @@ impl Matrix {
             .enumerate()
             .for_each(|(tile, out)| {
                 let first = a.start + tile * TALL;
-                let tall = TALL.min(a.end - first);
-                Arch::new()
-                    .dispatch(|| self.strip(self, rows.clone(), first, tall, b.clone(), out));
+                Arch::new().dispatch(Strip {
+                    left: self,
+                    right: self,
+                    rows: rows.clone(),
+                    first,
+                    tall: TALL.min(a.end - first),
+                    columns: b.clone(),
+                    out,
+                });
             });
     }
 
@@ -98,49 +102,69 @@ impl Matrix {
         let bands = out.par_chunks_mut(TALL * width).enumerate();
         bands.for_each(|(tile, out)| {
             let first = tile * TALL;
-            let tall = TALL.min(self.columns - first);
-            let rows = 0..self.rows();
-            Arch::new().dispatch(|| self.strip(other, rows.clone(), first, tall, 0..width, out));
+            Arch::new().dispatch(Strip {
+                left: self,
+                right: other,
+                rows: 0..self.rows(),
+                first,
+                tall: TALL.min(self.columns - first),
+                columns: 0..width,
+                out,
+            });
         });
         out
     }
+}
 
-    /// Products of columns from `first` on with the columns `b` of `other`, whose rows of products are `out`.
+/// Products of `tall` columns of one matrix from `first` on with the `columns` of another.
+struct Strip<'a> {
+    left: &'a Matrix,
+    right: &'a Matrix,
+    rows: Range<usize>,
+    first: usize,
+    tall: usize,
+    columns: Range<usize>,
+    /// Rows of products, as long as the other matrix has columns.
+    out: &'a mut [f64],
+}
+
+/// Sums are vectors by name: from arrays of numbers the compiler makes neither vectors nor registers of them.
+impl WithSimd for Strip<'_> {
+    type Output = ();
+
     #[inline(always)]
-    fn strip(
-        &self,
-        other: &Self,
-        rows: std::ops::Range<usize>,
-        first: usize,
-        tall: usize,
-        b: std::ops::Range<usize>,
-        out: &mut [f64],
-    ) {
-        let width = other.columns;
-        let mut start = rows.start;
-        while start < rows.end {
-            let end = (start + ROWS).min(rows.end);
-            let mut left = b.start;
-            while left < b.end {
-                let wide = WIDE.min(b.end - left);
-                let mut sums = [[0.0f32; WIDE]; TALL];
+    fn with_simd<S: Simd>(self, simd: S) {
+        let width = self.right.columns;
+        let lanes = S::F32_LANES;
+        let mut start = self.rows.start;
+        while start < self.rows.end {
+            let end = (start + ROWS).min(self.rows.end);
+            let mut at = self.columns.start;
+            while at < self.columns.end {
+                let wide = (VECTORS * lanes).min(self.columns.end - at);
+                let mut sums = [[simd.splat_f32s(0.0); VECTORS]; TALL];
                 for row in start..end {
-                    let right: &[f32; WIDE] = other.part(row, left);
-                    let factors: &[f32; TALL] = self.part(row, first);
-                    for (sums, factor) in sums.iter_mut().zip(factors) {
-                        for (s, r) in sums.iter_mut().zip(right) {
-                            *s = factor.mul_add(*r, *s);
+                    let (right, _) = S::as_simd_f32s(self.right.part(row, at, VECTORS * lanes));
+                    let right: [S::f32s; VECTORS] = *right.first_chunk().expect("whole vectors");
+                    let factors = self.left.part(row, self.first, TALL);
+                    let factors: [f32; TALL] = *factors.first_chunk().expect("a whole tile");
+                    for k in 0..TALL {
+                        let factor = simd.splat_f32s(factors[k]);
+                        for v in 0..VECTORS {
+                            sums[k][v] = simd.mul_add_e_f32s(factor, right[v], sums[k][v]);
                         }
                     }
                 }
-                for (k, sums) in sums[..tall].iter().enumerate() {
-                    let target = &mut out[k * width + left..][..wide];
-                    target
-                        .iter_mut()
-                        .zip(sums)
-                        .for_each(|(t, s)| *t += f64::from(*s));
+                for (k, sums) in sums[..self.tall].iter().enumerate() {
+                    let mut found = [0.0f32; PADDING];
+                    for (found, sum) in found.chunks_exact_mut(lanes).zip(sums) {
+                        simd.partial_store_f32s(found, *sum);
+                    }
+                    let target = &mut self.out[k * width + at..][..wide];
+                    let pairs = target.iter_mut().zip(found);
+                    pairs.for_each(|(t, s)| *t += f64::from(s));
                 }
-                left += wide;
+                at += wide;
             }
             start = end;
         }
