@@ -9,7 +9,7 @@
 
 mod legendre;
 
-use pulp::Arch;
+use pulp::{Arch, NullaryFnOnce};
 
 use self::legendre::normalised_legendre;
 
@@ -90,15 +90,11 @@ impl<T: Float> Harmonics<T> {
     /// `coefficients` is `[coefficient][frame]`, `values` is `[texel][frame]` and is overwritten.
     pub fn synthesize(&self, coefficients: &[T], values: &mut [T], frames: usize) {
         self.check(coefficients.len(), values.len(), frames);
-        Arch::new().dispatch(|| {
-            let mut orders = vec![T::ZERO; (2 * self.degree + 1) * frames];
-            for (row, out) in values
-                .chunks_exact_mut(self.grid.columns * frames)
-                .enumerate()
-            {
-                self.legendre_row(row, coefficients, &mut orders, frames);
-                self.fourier_row(&orders, out, frames);
-            }
+        Arch::new().dispatch(Synthesis {
+            harmonics: self,
+            coefficients,
+            values,
+            frames,
         });
     }
 
@@ -106,13 +102,11 @@ impl<T: Float> Harmonics<T> {
     pub fn transpose(&self, values: &[T], coefficients: &mut [T], frames: usize) {
         self.check(coefficients.len(), values.len(), frames);
         coefficients.fill(T::ZERO);
-        Arch::new().dispatch(|| {
-            let mut orders = vec![T::ZERO; (2 * self.degree + 1) * frames];
-            let mut folded = vec![T::ZERO; 2 * self.grid.columns.div_ceil(2) * frames];
-            for (row, source) in values.chunks_exact(self.grid.columns * frames).enumerate() {
-                self.fourier_row_transpose(source, &mut folded, &mut orders, frames);
-                self.legendre_row_transpose(row, &orders, coefficients, frames);
-            }
+        Arch::new().dispatch(Transpose {
+            harmonics: self,
+            values,
+            coefficients,
+            frames,
         });
     }
 
@@ -277,6 +271,56 @@ fn combine<'a, T: Float>(
             sum += weight(k) * source(k)[f];
         }
         out[f] = sum;
+    }
+}
+
+/// [`Harmonics::synthesize`]; a closure would be compiled on its own, for the least of all processors.
+struct Synthesis<'a, T> {
+    harmonics: &'a Harmonics<T>,
+    coefficients: &'a [T],
+    values: &'a mut [T],
+    frames: usize,
+}
+
+impl<T: Float> NullaryFnOnce for Synthesis<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Harmonics { degree, grid, .. } = self.harmonics;
+        let mut orders = vec![T::ZERO; (2 * degree + 1) * self.frames];
+        let rows = self.values.chunks_exact_mut(grid.columns * self.frames);
+        for (row, out) in rows.enumerate() {
+            self.harmonics
+                .legendre_row(row, self.coefficients, &mut orders, self.frames);
+            self.harmonics.fourier_row(&orders, out, self.frames);
+        }
+    }
+}
+
+/// [`Harmonics::transpose`], likewise.
+struct Transpose<'a, T> {
+    harmonics: &'a Harmonics<T>,
+    values: &'a [T],
+    coefficients: &'a mut [T],
+    frames: usize,
+}
+
+impl<T: Float> NullaryFnOnce for Transpose<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Harmonics { degree, grid, .. } = self.harmonics;
+        let mut orders = vec![T::ZERO; (2 * degree + 1) * self.frames];
+        let mut folded = vec![T::ZERO; 2 * grid.columns.div_ceil(2) * self.frames];
+        let rows = self.values.chunks_exact(grid.columns * self.frames);
+        for (row, source) in rows.enumerate() {
+            self.harmonics
+                .fourier_row_transpose(source, &mut folded, &mut orders, self.frames);
+            self.harmonics
+                .legendre_row_transpose(row, &orders, self.coefficients, self.frames);
+        }
     }
 }
 

@@ -3,7 +3,7 @@
 use std::{
     f32::consts::TAU,
     path::{Path, PathBuf},
-    sync::OnceLock,
+    sync::LazyLock,
 };
 
 use eclipse::{
@@ -61,20 +61,7 @@ pub fn small_capture(centre: Vec3) -> Capture {
 
 /// The folder of a synthetic capture of [`boxes`]: eight frames of 24 × 24 with an operator, made once a process.
 pub fn on_disk() -> &'static Path {
-    static FOLDER: OnceLock<(TempDir, PathBuf)> = OnceLock::new();
-    let (_, path) = FOLDER.get_or_init(|| {
-        let scene = Scene {
-            mesh: boxes(),
-            environment: scenes::interior(LatLong::new(50, 100)).image().clone(),
-            model: Model::Lambertian,
-            albedo: Pattern {
-                mean: [0.5; 3],
-                variation: 0.2,
-            },
-            alpha: 0.5,
-            kappa: 0.0,
-            occluders: Occluders::Operator,
-        };
+    static FOLDER: LazyLock<(TempDir, PathBuf)> = LazyLock::new(|| {
         let shooting = Shooting {
             frames: 8,
             resolution: 24,
@@ -82,28 +69,22 @@ pub fn on_disk() -> &'static Path {
             noise: 0.002,
             seed: 1,
         };
-        written(&scene, &shooting)
+        written(&matte(), &shooting)
     });
-    path
+    &FOLDER.1
 }
 
 /// The folder of another, whose boxes are glossy: enough photographs for a run to tell that somebody stood in the light, and light
 /// of enough contrast for it to see a highlight.
 pub fn glossy_on_disk() -> &'static Path {
-    static FOLDER: OnceLock<(TempDir, PathBuf)> = OnceLock::new();
-    let (_, path) = FOLDER.get_or_init(|| {
-        let scene = Scene {
-            mesh: boxes(),
-            environment: scenes::interior(LatLong::new(50, 100)).image().clone(),
+    static FOLDER: LazyLock<(TempDir, PathBuf)> = LazyLock::new(|| {
+        let mut scene = Scene {
             model: Model::Microfacet,
-            albedo: Pattern {
-                mean: [0.5, 0.45, 0.4],
-                variation: 0.2,
-            },
             alpha: 0.4,
             kappa: 0.2,
-            occluders: Occluders::Operator,
+            ..matte()
         };
+        scene.albedo.mean = [0.5, 0.45, 0.4];
         let shooting = Shooting {
             frames: 12,
             resolution: 32,
@@ -113,7 +94,23 @@ pub fn glossy_on_disk() -> &'static Path {
         };
         written(&scene, &shooting)
     });
-    path
+    &FOLDER.1
+}
+
+/// Matte boxes in a room, past which somebody walks.
+fn matte() -> Scene {
+    Scene {
+        mesh: boxes(),
+        environment: scenes::interior(LatLong::new(50, 100)).image().clone(),
+        model: Model::Lambertian,
+        albedo: Pattern {
+            mean: [0.5; 3],
+            variation: 0.2,
+        },
+        alpha: 0.5,
+        kappa: 0.0,
+        occluders: Occluders::Operator,
+    }
 }
 
 fn written(scene: &Scene, shooting: &Shooting) -> (TempDir, PathBuf) {

@@ -127,14 +127,18 @@ fn a_run_killed_at_any_moments_ends_like_one_that_never_was() {
     }
 }
 
+/// A run with fewer steps, which leaves the state after the third and the second.
+fn run_three_steps(out: &Path) {
+    let short = run_of("3", out).output().unwrap();
+    assert_eq!(short.status.code(), Some(0), "{}", stderr(&short));
+}
+
 #[test]
 fn a_damaged_checkpoint_falls_back_to_the_one_before_it() {
     undisturbed();
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path();
-    // A run with fewer steps leaves the state after the third and the second.
-    let short = run_of("3", out).output().unwrap();
-    assert_eq!(short.status.code(), Some(0), "{}", stderr(&short));
+    run_three_steps(out);
     let latest = out.join("checkpoint.bin");
     let bytes = fs::read(&latest).unwrap();
     fs::write(&latest, &bytes[..bytes.len() * 2 / 3]).unwrap();
@@ -163,8 +167,7 @@ fn a_clock_that_was_set_in_between_changes_nothing() {
     undisturbed();
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path();
-    let short = run_of("3", out).output().unwrap();
-    assert_eq!(short.status.code(), Some(0), "{}", stderr(&short));
+    run_three_steps(out);
     // The latest state as old as a file can be, and the one before it, with all results, from the next century.
     let century = Duration::from_secs(100 * 365 * 24 * 3600);
     for name in files(out) {

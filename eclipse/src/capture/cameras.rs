@@ -8,9 +8,9 @@ use super::{
     CaptureError, formats,
     paths::Folder,
     pose::{camera, declared_size, rigid_pose},
-    transforms::{MAX_TRANSFORMS, Transforms, parse_transforms},
+    transforms::{Transforms, read_transforms},
 };
-use crate::{files::read_limited, image_io::read_image};
+use crate::image_io::read_image;
 
 /// Widest or highest picture that is rendered, in pixels.
 pub const MAX_PICTURE_SIDE: usize = 8192;
@@ -86,11 +86,7 @@ fn described(path: &Path) -> Result<(Transforms, Folder), CaptureError> {
         let folder = Folder::new(path, false)?;
         return Ok((formats::read(&folder)?.transforms, folder));
     }
-    let bytes = read_limited(path, MAX_TRANSFORMS).map_err(|source| CaptureError::Read {
-        path: path.into(),
-        source,
-    })?;
-    let transforms = parse_transforms(&bytes, path)?;
+    let transforms = read_transforms(path)?;
     let parent = path.parent().filter(|folder| *folder != Path::new(""));
     let folder = Folder::new(parent.unwrap_or(Path::new(".")), false)?;
     Ok((transforms, folder))

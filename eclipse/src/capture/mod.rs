@@ -120,15 +120,15 @@ fn own_mesh(
     transforms: &Transforms,
 ) -> Result<Mesh, CaptureError> {
     let path = folder.mesh(asked, transforms)?;
-    let named = transforms.ply_file_path.as_deref();
-    let named = named.and_then(|name| folder.ply(name).ok());
+    let is_named = |path: &Path| {
+        let named = transforms.ply_file_path.as_deref();
+        named.is_some_and(|name| folder.ply(name).is_ok_and(|named| named == path))
+    };
     read_mesh(&path).map_err(|error| match error {
         MeshIoError::Parse {
             source: MeshParseError::NoFaces { vertices },
             path,
-        } if asked.is_none() && named.as_ref() == Some(&path) => {
-            CaptureError::OnlyPoints { path, vertices }
-        }
+        } if asked.is_none() && is_named(&path) => CaptureError::OnlyPoints { path, vertices },
         error => error.into(),
     })
 }

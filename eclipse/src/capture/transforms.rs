@@ -9,7 +9,7 @@ use render::camera::Projection;
 use serde::Deserialize;
 
 use super::CaptureError;
-use crate::image_io::ColorEncoding;
+use crate::{files::read_limited, image_io::ColorEncoding};
 
 /// The camera model without perspective.
 const ORTHOGRAPHIC: &str = "ORTHOGRAPHIC";
@@ -116,6 +116,18 @@ pub struct Intrinsics {
     pub k4: Option<f64>,
     pub p1: Option<f64>,
     pub p2: Option<f64>,
+}
+
+/// Reads and parses the file `path`.
+///
+/// # Errors
+/// [`CaptureError`] names the file, and the field where one is at fault.
+pub fn read_transforms(path: &Path) -> Result<Transforms, CaptureError> {
+    let bytes = read_limited(path, MAX_TRANSFORMS).map_err(|source| CaptureError::Read {
+        path: path.into(),
+        source,
+    })?;
+    parse_transforms(&bytes, path)
 }
 
 /// Parses `transforms.json` and checks what needs no other file; `path` only names it in errors.

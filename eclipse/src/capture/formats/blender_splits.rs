@@ -2,8 +2,8 @@
 //!
 //! The training photographs are the capture; the others are counted and left for whoever wants to test.
 
-use super::{Format, Source, nerfstudio::read_file, source};
-use crate::capture::{CaptureError, paths::Folder};
+use super::{Format, Source, source};
+use crate::capture::{CaptureError, paths::Folder, transforms::read_transforms};
 
 pub(super) const FORMAT: Format = Format {
     name: "Blender's splits",
@@ -14,7 +14,7 @@ pub(super) const FORMAT: Format = Format {
 fn read(folder: &Folder) -> Option<Result<Source, CaptureError>> {
     let path = folder.path().join("transforms_train.json");
     path.exists().then(|| {
-        let transforms = read_file(&path)?;
+        let transforms = read_transforms(&path)?;
         Ok(Source {
             left_out: frames_of(folder, ["transforms_val.json", "transforms_test.json"])?,
             ..source(&path, transforms)
@@ -27,6 +27,6 @@ pub(super) fn frames_of(folder: &Folder, splits: [&str; 2]) -> Result<usize, Cap
     let paths = splits.map(|split| folder.path().join(split)).into_iter();
     let counts = paths
         .filter(|path| path.exists())
-        .map(|path| Ok(read_file(&path)?.frames.len()));
+        .map(|path| Ok(read_transforms(&path)?.frames.len()));
     counts.sum()
 }

@@ -3,13 +3,10 @@
 use std::{collections::HashSet, path::Path};
 
 use super::{Format, Source, source};
-use crate::{
-    capture::{
-        CaptureError,
-        paths::Folder,
-        transforms::{MAX_TRANSFORMS, Transforms, parse_transforms},
-    },
-    files::read_limited,
+use crate::capture::{
+    CaptureError,
+    paths::Folder,
+    transforms::{Transforms, read_transforms},
 };
 
 pub(super) const FORMAT: Format = Format {
@@ -21,7 +18,7 @@ pub(super) const FORMAT: Format = Format {
 fn read(folder: &Folder) -> Option<Result<Source, CaptureError>> {
     let path = folder.path().join("transforms.json");
     path.exists().then(|| {
-        let transforms = read_file(&path)?;
+        let transforms = read_transforms(&path)?;
         let all = transforms.frames.len();
         let transforms = training(transforms, &path)?;
         let points = transforms.ply_file_path.as_deref();
@@ -32,15 +29,6 @@ fn read(folder: &Folder) -> Option<Result<Source, CaptureError>> {
             ..source(&path, transforms)
         })
     })
-}
-
-/// Reads one file of this kind.
-pub(super) fn read_file(path: &Path) -> Result<Transforms, CaptureError> {
-    let bytes = read_limited(path, MAX_TRANSFORMS).map_err(|source| CaptureError::Read {
-        path: path.into(),
-        source,
-    })?;
-    parse_transforms(&bytes, path)
 }
 
 /// Leaves the frames of `train_filenames`; without that, those of no other split.

@@ -3,8 +3,8 @@
 
 use std::path::Path;
 
-use super::{Format, Source, blender_splits::frames_of, nerfstudio::read_file, source};
-use crate::capture::{CaptureError, paths::Folder};
+use super::{Format, Source, blender_splits::frames_of, source};
+use crate::capture::{CaptureError, paths::Folder, transforms::read_transforms};
 
 pub(super) const FORMAT: Format = Format {
     name: "Stanford-ORB",
@@ -16,7 +16,7 @@ fn read(folder: &Folder) -> Option<Result<Source, CaptureError>> {
     let path = folder.path().join("transforms_train.json");
     let ours = path.exists() && folder.path().join("train_mask").is_dir();
     ours.then(|| {
-        let mut transforms = read_file(&path)?;
+        let mut transforms = read_transforms(&path)?;
         for frame in &mut transforms.frames {
             let mask = mask_path(&frame.file_path);
             if frame.mask_path.is_none() && folder.has_image(&mask) {

@@ -29,36 +29,56 @@ impl Effect for MovingOccluder {
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         let opacity: Vec<f32> = scene.numbers(self.id()).iter().map(|b| *b as f32).collect();
         let left = |k: usize| 1.0 - opacity.get(k).copied().unwrap_or(0.0);
+        let light = light_of_cells(scene);
         // What the other of both factors lets pass is what a number can still take.
-        let fields = blocked_light(scene, |view, from_cell, texel, c| {
-            let own = CameraGrid::part(from_cell).map_or(1.0, |part| {
-                left(number_in_frame(scene.seen.views[view].frame, part))
-            });
-            -own * scene.radiance[3 * texel + c]
-        });
-        let whole = blocked_light(scene, |_, from_cell, texel, c| {
-            -left(from_cell) * scene.radiance[3 * texel + c]
-        });
+        let in_all = |cell: usize| {
+            let left_in =
+                |t: u32| CameraGrid::part(cell).map_or(1.0, |part| left(number_in_frame(t, part)));
+            scene.on_views(|v| {
+                let left = left_in(scene.seen.views[v].frame);
+                [0, 1, 2].map(|c| -left * light[cell][3 * v + c])
+            })
+        };
+        let in_one = |t: u32, part: usize| {
+            let members =
+                (0..CameraGrid::CELLS).filter(|&cell| CameraGrid::part(cell) == Some(part));
+            let members: Vec<(f32, &Vec<f32>)> =
+                members.map(|cell| (left(cell), &light[cell])).collect();
+            scene.on_views(|v| {
+                if scene.seen.views[v].frame != t {
+                    return [0.0; 3];
+                }
+                let sum = |c| {
+                    members
+                        .iter()
+                        .map(|(left, light)| -left * light[3 * v + c])
+                        .sum()
+                };
+                [0, 1, 2].map(sum)
+            })
+        };
         let own = (0..scene.seen.frames as u32)
             .flat_map(|t| (0..CameraGrid::PARTS).map(move |part| (t, part)));
         let own: Vec<Term> = own
             .map(|(t, part)| {
-                let field = in_frame(scene, &whole, t, part);
                 let name = format!(
                     "further opacity {} in frame {t}",
                     CameraGrid::part_name(part)
                 );
-                Term::new(name, 0.3, field).positive().at_most(1.0).of(t)
+                Term::new(name, 0.3, in_one(t, part))
+                    .positive()
+                    .at_most(1.0)
+                    .of(t)
             })
             .collect();
-        let cells = fields.into_iter().enumerate().map(|(cell, field)| {
+        let cells = (0..CameraGrid::CELLS).map(|cell| {
             let name = format!("opacity at {}", CameraGrid::name(cell));
             let scale = if CameraGrid::behind_camera(cell) {
                 0.5
             } else {
                 0.15
             };
-            Term::new(name, scale, field).positive().at_most(1.0)
+            Term::new(name, scale, in_all(cell)).positive().at_most(1.0)
         });
         cells.chain(own).collect()
     }
@@ -100,20 +120,6 @@ fn number_in_frame(frame: u32, part: usize) -> usize {
     CameraGrid::CELLS + frame as usize * CameraGrid::PARTS + part
 }
 
-/// The light that a part behind the camera sends to the views of one frame, from that of the cells.
-fn in_frame(scene: &Scene<'_>, cells: &[Vec<f32>], frame: u32, part: usize) -> Vec<f32> {
-    let members: Vec<&Vec<f32>> = (0..cells.len())
-        .filter(|&cell| CameraGrid::part(cell) == Some(part))
-        .map(|cell| &cells[cell])
-        .collect();
-    scene.on_views(|v| {
-        if scene.seen.views[v].frame != frame {
-            return [0.0; 3];
-        }
-        [0, 1, 2].map(|c| members.iter().map(|cell| cell[3 * v + c]).sum())
-    })
-}
-
 /// Cosine and sine of every camera's azimuth.
 pub(super) fn azimuths(seen: &Observations) -> Vec<[f32; 2]> {
     seen.eyes
@@ -125,11 +131,8 @@ pub(super) fn azimuths(seen: &Observations) -> Vec<[f32; 2]> {
         .collect()
 }
 
-/// For every cell of the camera's grid, what light of radiance `light(view, cell, texel, colour)` from it adds to each view.
-fn blocked_light(
-    scene: &Scene<'_>,
-    light: impl Fn(usize, usize, usize, usize) -> f32 + Sync,
-) -> Vec<Vec<f32>> {
+/// For every cell of the camera's grid, what the light from it adds to each view where nobody stands.
+fn light_of_cells(scene: &Scene<'_>) -> Vec<Vec<f32>> {
     let azimuths = azimuths(scene.seen);
     let per_view: Vec<Vec<[f32; 3]>> = (0..scene.seen.views.len())
         .into_par_iter()
@@ -141,10 +144,9 @@ fn blocked_light(
             let mut cells = vec![[0.0f32; 3]; CameraGrid::CELLS];
             for (texel, [d, s]) in scene.bare.row(v) {
                 let from = shell_direction(point, scene.horizon.directions[texel], eye.length());
-                let cell = CameraGrid::cell(from, azimuths[view.frame as usize]);
-                let sum = &mut cells[cell];
+                let sum = &mut cells[CameraGrid::cell(from, azimuths[view.frame as usize])];
                 for c in 0..3 {
-                    sum[c] += (albedo[c] * d + s) * light(v, cell, texel, c);
+                    sum[c] += (albedo[c] * d + s) * scene.radiance[3 * texel + c];
                 }
             }
             cells
