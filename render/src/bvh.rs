@@ -3,6 +3,8 @@
 //! Closest hits shade camera rays; occlusion rays find the object's own shadows. Queries take `&self` and keep no
 //! state: any thread may cast any ray.
 
+mod packet;
+
 use std::time::Duration;
 
 use glam::{Vec2, Vec3, Vec3A};
@@ -17,9 +19,13 @@ use obvhs::triangle::Triangle;
 use crate::camera::{Camera, Ray};
 use crate::mesh::{Mesh, MeshError};
 
+use packet::PacketTree;
+pub use packet::Rays;
+
 /// The object's triangles in a bounding volume hierarchy.
 pub struct Bvh {
     tree: Tree,
+    packets: PacketTree,
     /// In the order of the tree's leaves.
     triangles: Vec<Triangle>,
     /// The mesh's face of each of them.
@@ -78,18 +84,23 @@ impl Bvh {
             pre_split: false,
             ..BvhBuildParams::medium_build()
         };
+        let binary = build_bvh2_from_tris(&all, params, &mut Duration::default());
+        let packets = PacketTree::new(&binary, |i| {
+            let Triangle { v0, v1, v2 } = all[i];
+            [v0, v1, v2].map(Vec3::from)
+        });
         let wide = build_cwbvh_from_tris(&all, params, &mut Duration::default());
         let (tree, faces) = if depth(&wide.compute_parents()) <= MAX_WIDE_DEPTH {
             let faces = wide.primitive_indices.clone();
             (Tree::Wide(wide), faces)
         } else {
-            let binary = build_bvh2_from_tris(&all, params, &mut Duration::default());
             let faces = binary.primitive_indices.clone();
             (Tree::Binary(binary), faces)
         };
         let triangles = faces.iter().map(|&f| all[f as usize]).collect();
         Ok(Self {
             tree,
+            packets,
             triangles,
             faces,
             mesh,
@@ -142,6 +153,11 @@ impl Bvh {
             Tree::Wide(tree) => tree.ray_traverse_miss(ray, intersect),
             Tree::Binary(tree) => tree.ray_traverse_miss(ray, intersect),
         }
+    }
+
+    /// [`blocked`](Self::blocked) for many half lines from one place, several at once: those that meet anything are closed.
+    pub fn close_blocked(&self, origin: Vec3, rays: Rays<'_>) {
+        self.packets.cast(origin, rays);
     }
 
     /// The surface at a hit of a ray with `direction`.

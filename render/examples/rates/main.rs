@@ -11,7 +11,7 @@ use obvhs::cwbvh::builder::build_cwbvh_from_tris;
 use obvhs::ray::Ray as ObvhsRay;
 use obvhs::triangle::Triangle;
 use render::bsdf::Model;
-use render::bvh::{Bvh, SurfacePoint};
+use render::bvh::{Bvh, Rays, SurfacePoint};
 use render::camera::Camera;
 use render::environment::EnvironmentMap;
 use render::estimator::{Estimator, EstimatorOptions, RenderSample};
@@ -138,13 +138,46 @@ fn rays(mesh: &Mesh, bvh: &Bvh, points: &[ShadingPoint]) {
         blocked[1] = queries.iter().filter(hit).count();
     });
     let rate = |seconds: f64| queries.len() as f64 / seconds / 1e6;
+    let mut packets = Vec::new();
+    for (origin, queries) in by_origin(&queries) {
+        let along =
+            [0, 1, 2].map(|axis| queries.iter().map(|(_, d)| d[axis]).collect::<Vec<f32>>());
+        packets.push((origin, along));
+    }
+    let mut open = 0;
+    let together = seconds(|| {
+        open = 0;
+        for (origin, [x, y, z]) in &packets {
+            let mut free = vec![true; x.len()];
+            let direction = [x, y, z].map(Vec::as_slice);
+            let open_of_it = &mut free;
+            bvh.close_blocked(
+                *origin,
+                Rays {
+                    direction,
+                    open: open_of_it,
+                },
+            );
+            open += free.iter().filter(|open| **open).count();
+        }
+    });
+    let share = |count: usize| 100.0 * count as f64 / queries.len() as f64;
     println!(
-        "shadow rays: binary {:.2} M/s, compressed wide {:.2} M/s ({:.0} % and {:.0} % blocked)",
+        "shadow rays: one by one {:.2} M/s, compressed wide {:.2} M/s, those of a point together {:.2} M/s \
+         ({:.1}, {:.1} and {:.1} % blocked)",
         rate(binary),
         rate(compressed),
-        100.0 * blocked[0] as f64 / queries.len() as f64,
-        100.0 * blocked[1] as f64 / queries.len() as f64
+        rate(together),
+        share(blocked[0]),
+        share(blocked[1]),
+        share(queries.len() - open),
     );
+}
+
+/// Runs of queries from one place.
+fn by_origin(queries: &[(Vec3, Vec3)]) -> impl Iterator<Item = (Vec3, &[(Vec3, Vec3)])> {
+    let runs = queries.chunk_by(|a, b| a.0 == b.0);
+    runs.map(|run| (run[0].0, run))
 }
 
 /// Rows of the transport operator.
@@ -177,7 +210,9 @@ fn monte_carlo(
         // The paper takes 1024 rays a render of a pixel: the network's work is shared by them.
         for rays in [256, 1024] {
             let points = &points[..(1 << 19) / rays];
-            monte_carlo_batch(bvh, points, cache, model, rays, threads)?;
+            for visibility in [Visibility::Rays, Visibility::Cached(cache)] {
+                monte_carlo_batch(bvh, points, visibility, model, rays, threads)?;
+            }
         }
     }
     Ok(())
@@ -186,7 +221,7 @@ fn monte_carlo(
 fn monte_carlo_batch(
     bvh: &Bvh,
     points: &[ShadingPoint],
-    cache: &VisibilityCache,
+    visibility: Visibility,
     model: Model,
     rays: usize,
     threads: usize,
@@ -196,7 +231,7 @@ fn monte_carlo_batch(
     let radii = [5.0; FRAMES];
     let scene = PathScene {
         bvh,
-        visibility: Visibility::Cached(cache),
+        visibility,
         model,
         lights: environment.distribution(),
         environment_grid: GRID,
@@ -240,8 +275,12 @@ fn monte_carlo_batch(
     if let Some(error) = failed {
         return Err(error.into());
     }
+    let shadows = match visibility {
+        Visibility::Rays => "cast",
+        Visibility::Cached(_) => "cached",
+    };
     println!(
-        "Monte Carlo, {model:?}, {rays} rays, {threads} thread(s): sampling, loss and gradient {:.1} M drawn/s, \
+        "Monte Carlo, {model:?}, {rays} rays, shadows {shadows}, {threads} thread(s): sampling, loss and gradient {:.1} M drawn/s, \
          {:.1} M carry light/s; sampling alone {:.1} M drawn/s",
         drawn / whole / 1e6,
         carried as f64 / whole / 1e6,

@@ -5,6 +5,7 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::{Lookup, PathScene, ShadingPoint};
 use crate::bsdf::{Lobe, MaterialSampler, Model};
+use crate::bvh::{Rays, offset_origin};
 use crate::environment::Cell;
 use crate::lat_long::LatLong;
 use crate::occluder::shell_place;
@@ -304,11 +305,25 @@ impl Block {
                 }
             }
             Visibility::Rays => {
+                let mut open = [false; WIDTH];
                 for i in 0..filled {
                     let surface = &points[self.owner[i] as usize].surface;
-                    if self.weight[i] > 0.0 && bvh.occluded(surface, take(&self.direction, i)) {
-                        self.weight[i] = 0.0;
-                    }
+                    let above = surface.geometric_normal.dot(take(&self.direction, i)) > 0.0;
+                    open[i] = above & (self.weight[i] > 0.0);
+                }
+                let owners = self.owner[..filled].chunk_by(|a, b| a == b);
+                let mut first = 0;
+                for run in owners {
+                    let lanes = first..first + run.len();
+                    first = lanes.end;
+                    let rays = Rays {
+                        direction: [0, 1, 2].map(|axis| &self.direction[axis][lanes.clone()]),
+                        open: &mut open[lanes],
+                    };
+                    bvh.close_blocked(offset_origin(&points[run[0] as usize].surface), rays);
+                }
+                for (weight, open) in self.weight.iter_mut().zip(open) {
+                    *weight = if open { *weight } else { 0.0 };
                 }
             }
         }
