@@ -20,11 +20,11 @@ use crate::{
     control::Control,
     criticism::{
         self, DiagnoseError, Diagnosis, Options, Simulation, diagnosis::Finding, effects, page,
+        silhouette::Silhouettes,
     },
     joint,
     progress::{ProgressDisplay, Style},
-    reconstruct,
-    reconstruction::Ended,
+    reconstruction::{Ended, Reconstruction},
     settings::Settings,
 };
 
@@ -43,6 +43,8 @@ const RECONSTRUCTION: f64 = 0.4;
 /// Its steps, which a small capture takes in less: its diagnosis is then the same on any machine. The diagnosis fits light, texture
 /// and lobe anew and ends in the same place from 4, 8 and 30 of them; what these save is its own first steps.
 const STEPS: u64 = 6;
+/// Seconds that a reconstruction takes for an occluder's outline: with fewer left there is none, and more are not taken.
+const OUTLINE: (f64, f64) = (40.0, 120.0);
 
 #[derive(Args, Debug)]
 #[command(after_help = EXAMPLES)]
@@ -165,26 +167,11 @@ pub(super) fn diagnose(
                 occluders: false,
                 time_limit: Some(RECONSTRUCTION * job.time_limit),
                 iterations: Some(STEPS),
-                seed: job.seed,
-                threads: job.threads,
-                mesh: job.reading.mesh.clone(),
-                ..Settings::default()
+                ..job.settings()
             };
-            let display = ProgressDisplay::new(&settings, job.style);
-            let control = Control {
-                stop,
-                progress: &|progress| display.update(progress),
-                ..Control::detached()
-            };
-            let solved = pool.install(|| reconstruct::run(&capture, &settings, &control));
-            display.finish();
-            let solved = solved.map_err(|error| {
-                let input = error.is_of_the_input();
-                Failure::of(error, input)
-            })?;
-            if solved.ended == Ended::Interrupted {
+            let Some(solved) = job.solve(&capture, &settings, &pool, stop)? else {
                 return Ok(None);
-            }
+            };
             Simulation::of(&solved)
         }
     };
@@ -207,11 +194,71 @@ pub(super) fn diagnose(
     if capture.lamps.is_none() {
         outcome.diagnosis.command = reconstruction_with(job, &outcome.diagnosis);
     }
+    let before = began.elapsed().as_secs_f64();
+    let left = (job.time_limit - before).min(OUTLINE.1);
+    let somebody = outcome
+        .diagnosis
+        .effects
+        .iter()
+        .any(|f| f.id == joint::OCCLUDER);
+    if somebody && left > OUTLINE.0 {
+        report("reconstructing with what was found, for the occluder's outline");
+        let settings = Settings {
+            time_limit: Some(left),
+            with: of_the_camera(&outcome.diagnosis),
+            lambertian: simulation.lobe.is_none(),
+            ..job.settings()
+        };
+        let Some(solved) = job.solve(&capture, &settings, &pool, stop)? else {
+            return Ok(None);
+        };
+        if let Some(silhouettes) = Silhouettes::reconstructed(&capture, &solved) {
+            outcome.diagnosis.occluders = Some(silhouettes.told.clone());
+            outcome.silhouettes = Some(silhouettes);
+        }
+        let took = began.elapsed().as_secs_f64() - before;
+        outcome.diagnosis.seconds.insert("outline".to_owned(), took);
+    }
     inspect(&outcome).map_err(Failure::failed)?;
     if let Some(folder) = job.out {
         page::write(folder, &outcome).map_err(Failure::failed)?;
     }
     Ok(Some(outcome.diagnosis))
+}
+
+impl Job<'_> {
+    /// What all reconstructions of a diagnosis have in common.
+    fn settings(&self) -> Settings {
+        Settings {
+            seed: self.seed,
+            threads: self.threads,
+            mesh: self.reading.mesh.clone(),
+            ..Settings::default()
+        }
+    }
+
+    /// A reconstruction; `None` when interrupted.
+    fn solve(
+        &self,
+        capture: &Capture,
+        settings: &Settings,
+        pool: &rayon::ThreadPool,
+        stop: &AtomicBool,
+    ) -> Result<Option<Reconstruction>, Failure> {
+        let display = ProgressDisplay::new(settings, self.style);
+        let control = Control {
+            stop,
+            progress: &|progress| display.update(progress),
+            ..Control::detached()
+        };
+        let solved = pool.install(|| joint::run(capture, settings, &control));
+        display.finish();
+        let solved = solved.map_err(|error| {
+            let input = error.is_of_the_input();
+            Failure::of(error, input)
+        })?;
+        Ok((solved.ended != Ended::Interrupted).then_some(solved))
+    }
 }
 
 /// Whose fault it is.
@@ -229,10 +276,8 @@ fn refused(error: DiagnoseError) -> Failure {
 /// The command that reconstructs with what was found: effects of the camera fitted jointly, occluders if somebody moves in the
 /// light; `None` where a reconstruction can do nothing about it.
 fn reconstruction_with(job: &Job<'_>, d: &Diagnosis) -> Option<String> {
-    let of_the_camera = |id: &&str| effects::by_id(id).is_some_and(|e| e.is_of_the_camera());
-    let found = || d.effects.iter().map(|finding| finding.id);
-    let with: Vec<&str> = found().filter(of_the_camera).collect();
-    let somebody = found().any(|id| id == joint::OCCLUDER);
+    let with = of_the_camera(d);
+    let somebody = d.effects.iter().any(|f| f.id == joint::OCCLUDER);
     if with.is_empty() && !somebody {
         return None;
     }
@@ -262,6 +307,15 @@ fn reconstruction_with(job: &Job<'_>, d: &Diagnosis) -> Option<String> {
         command += &format!(" --with {}", with.join(","));
     }
     Some(command)
+}
+
+/// Effects that were found and that a reconstruction can fit jointly.
+fn of_the_camera(d: &Diagnosis) -> Vec<String> {
+    let found = d.effects.iter().map(|finding| finding.id);
+    found
+        .filter(|id| effects::by_id(id).is_some_and(|e| e.is_of_the_camera()))
+        .map(str::to_owned)
+        .collect()
 }
 
 fn summary(d: &Diagnosis, folder: &Path) -> String {

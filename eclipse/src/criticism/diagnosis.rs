@@ -132,9 +132,22 @@ pub struct Sealed {
     pub rmse_after: f64,
 }
 
+/// Whose model drew the occluders.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Drawn {
+    /// The diagnosis': broad parts of the sky around the camera.
+    #[default]
+    Diagnosis,
+    /// A reconstruction's with what was found: an outline.
+    Reconstruction,
+}
+
 /// The occluders of the last model.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Occluders {
+    /// Whose they are.
+    pub by: Drawn,
     /// The share of the fitted light that is blocked in each frame.
     pub blocked: Vec<f64>,
     /// How far they are from the capture's `truth/occluders.exr`, as `evaluate` measures it; nothing without a truth.

@@ -7,7 +7,7 @@ use render::{image::Image, lat_long::LatLong};
 
 use super::{
     diagnose::Outcome,
-    diagnosis::{Diagnosis, Verdict},
+    diagnosis::{Diagnosis, Drawn, Verdict},
     plot,
 };
 use crate::image_io::ImageIoError;
@@ -41,10 +41,16 @@ pub fn strip(outcome: &Outcome<'_>) -> Result<String, ImageIoError> {
     } else {
         " Below each the truth."
     };
+    let by = match silhouettes.told.by {
+        Drawn::Diagnosis => "",
+        Drawn::Reconstruction => {
+            " Drawn by a reconstruction with what was found, whose outlines are finer than the diagnosis' own."
+        }
+    };
     Ok(format!(
         "<h2>Light that the last model blocks</h2><p>All directions seen from the object, the camera's azimuth in the middle, up on top, the \
          camera red; white: light passes, black: it is blocked.{below} Under each its frame and the share of the light that is \
-         blocked. World directions are in <code>{}</code>.</p>{}<div class=\"film\">{figures}</div>",
+         blocked. World directions are in <code>{}</code>.{by}</p>{}<div class=\"film\">{figures}</div>",
         super::silhouette::FILE,
         said(&outcome.diagnosis)
     ))

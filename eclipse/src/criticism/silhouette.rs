@@ -4,12 +4,19 @@ use std::{collections::BTreeMap, io, path::Path};
 
 use render::{convention::Convention, image::Image, lat_long::LatLong};
 
-use super::{diagnosis::Occluders, effects::Mask, fit::Fit, given::Given, study::Study};
+use super::{
+    diagnosis::{Drawn, Occluders},
+    effects::Mask,
+    fit::Fit,
+    given::Given,
+    study::Study,
+};
 use crate::{
     capture::Capture,
     evaluate::{self, EvaluateError, OccluderScore, Truth},
     image_io::{ExrOptions, ImageIoError, write_exr_with},
     layout,
+    reconstruction::Reconstruction,
 };
 
 /// The file in a diagnosis's folder: one map a frame, one below the other, as a capture's `truth/occluders.exr`.
@@ -44,19 +51,36 @@ impl Silhouettes {
         let frames = 0..study.seen.frames;
         let masks: Vec<Image> = frames.map(|t| drawn(grid, &parts, t)).collect();
         let blocked = masks.iter().map(|mask| blocked(grid, mask, &fit.radiance));
+        let blocked = blocked.collect();
+        Some(Self::told(study.capture, masks, blocked, Drawn::Diagnosis))
+    }
+
+    /// Of a reconstruction of `capture`: it draws finer than a diagnosis does. `None` where nothing is blocked in it.
+    pub fn reconstructed(capture: &Capture, solved: &Reconstruction) -> Option<Self> {
+        Given::new(&solved.occluders)?;
+        let light = &solved.environment;
+        let grid = LatLong::new(light.height, light.width);
+        let masks = solved.occluders.clone();
+        let blocked = masks.iter().map(|mask| blocked(grid, mask, &light.data));
+        let blocked = blocked.collect();
+        Some(Self::told(capture, masks, blocked, Drawn::Reconstruction))
+    }
+
+    fn told(capture: &Capture, masks: Vec<Image>, blocked: Vec<f64>, by: Drawn) -> Self {
         let mut told = Occluders {
-            blocked: blocked.collect(),
+            by,
+            blocked,
             score: OccluderScore::default(),
             problem: None,
         };
         let mut truth = Vec::new();
-        match compared(study.capture, &masks) {
+        match compared(capture, &masks) {
             Ok(None) => {}
             Ok(Some((score, known))) => (told.score, truth) = (score, known),
             // A diagnosis stands without: whoever kept the truth learns why there is no number.
             Err(error) => told.problem = Some(error.to_string()),
         }
-        Some(Self { masks, truth, told })
+        Self { masks, truth, told }
     }
 
     /// Writes [`FILE`].
@@ -179,6 +203,7 @@ mod tests {
             masks: vec![mask(1.0), mask(0.25), mask(0.5)],
             truth: Vec::new(),
             told: Occluders {
+                by: Drawn::Diagnosis,
                 blocked: vec![0.0; 3],
                 score: OccluderScore::default(),
                 problem: None,

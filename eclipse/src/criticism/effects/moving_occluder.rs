@@ -7,6 +7,11 @@ use render::occluder::shell_direction;
 use super::{Effect, Mask, Passing, Stage, Term, support::CameraGrid};
 use crate::criticism::{horizon::Horizon, observe::Observations, scene::Scene};
 
+/// Usual opacity of a cell where somebody behind the camera would be.
+const SCALE: f64 = 0.5;
+/// The same high above and at the ground, where mostly nobody is.
+const SCALE_ASIDE: f64 = 0.05;
+
 /// (1 − m(ω)) (1 − m_t(ω)), 0 ≤ m ≤ 1: opacity of the cells of a grid that turns with the camera, on the shell at the camera's
 /// distance, and more of it in broad parts behind the camera frame by frame, since people do not stand still.
 ///
@@ -29,7 +34,7 @@ impl Effect for MovingOccluder {
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         let opacity: Vec<f32> = scene.numbers(self.id()).iter().map(|b| *b as f32).collect();
         let left = |k: usize| 1.0 - opacity.get(k).copied().unwrap_or(0.0);
-        let light = light_of_cells(scene);
+        let light = light_of_cells(scene, |texel, c| scene.radiance[3 * texel + c]);
         // What the other of both factors lets pass is what a number can still take.
         let in_all = |cell: usize| {
             let left_in =
@@ -73,10 +78,9 @@ impl Effect for MovingOccluder {
             .collect();
         let cells = (0..CameraGrid::CELLS).map(|cell| {
             let name = format!("opacity at {}", CameraGrid::name(cell));
-            let scale = if CameraGrid::behind_camera(cell) {
-                0.5
-            } else {
-                0.15
+            let scale = match CameraGrid::behind_camera(cell) {
+                true => SCALE,
+                false => SCALE_ASIDE,
             };
             Term::new(name, scale, in_all(cell)).positive().at_most(1.0)
         });
@@ -89,7 +93,9 @@ impl Effect for MovingOccluder {
         let opacity: Vec<f32> = beta.iter().map(|b| *b as f32).collect();
         let azimuths = azimuths(seen);
         Some(Box::new(move |frame, from| {
-            let cell = CameraGrid::cell(from, azimuths[frame]);
+            let Some(cell) = CameraGrid::cell(from, azimuths[frame]) else {
+                return 1.0;
+            };
             let at = |k: usize| opacity.get(k).copied().unwrap_or(0.0);
             let own =
                 CameraGrid::part(cell).map_or(0.0, |part| at(number_in_frame(frame as u32, part)));
@@ -131,8 +137,11 @@ pub(super) fn azimuths(seen: &Observations) -> Vec<[f32; 2]> {
         .collect()
 }
 
-/// For every cell of the camera's grid, what the light from it adds to each view where nobody stands.
-fn light_of_cells(scene: &Scene<'_>) -> Vec<Vec<f32>> {
+/// For every cell of the camera's grid, what light of `radiance(texel, colour)` from it adds to each view where nobody stands.
+pub(super) fn light_of_cells(
+    scene: &Scene<'_>,
+    radiance: impl Fn(usize, usize) -> f32 + Sync,
+) -> Vec<Vec<f32>> {
     let azimuths = azimuths(scene.seen);
     let per_view: Vec<Vec<[f32; 3]>> = (0..scene.seen.views.len())
         .into_par_iter()
@@ -144,9 +153,12 @@ fn light_of_cells(scene: &Scene<'_>) -> Vec<Vec<f32>> {
             let mut cells = vec![[0.0f32; 3]; CameraGrid::CELLS];
             for (texel, [d, s]) in scene.bare.row(v) {
                 let from = shell_direction(point, scene.horizon.directions[texel], eye.length());
-                let sum = &mut cells[CameraGrid::cell(from, azimuths[view.frame as usize])];
+                let Some(cell) = CameraGrid::cell(from, azimuths[view.frame as usize]) else {
+                    continue;
+                };
+                let sum = &mut cells[cell];
                 for c in 0..3 {
-                    sum[c] += (albedo[c] * d + s) * scene.radiance[3 * texel + c];
+                    sum[c] += (albedo[c] * d + s) * radiance(texel, c);
                 }
             }
             cells

@@ -1,13 +1,18 @@
 //! Light that a pale occluder sends back to the object.
 
-use super::{Effect, Stage, Term, moving_occluder::azimuths};
+use super::{
+    Effect, Stage, Term,
+    moving_occluder::{azimuths, light_of_cells},
+    support::CameraGrid,
+};
 use crate::criticism::scene::Scene;
 
-/// + E_t (1 − M_t).
+/// + E_t (1 − M_t) + E(part).
 ///
 /// M is the transmittance of the occluder in the model and E its radiance, which depends on the side of the surroundings that it
-/// faces: one number and two for the camera's azimuth. Where nobody is in the model nobody sends light: light from behind the
-/// camera would be a lamp.
+/// faces: one number and two for the camera's azimuth. Somebody as bright as what is behind them blocks nothing on balance, so that
+/// a model without bounce has no opacity there; hence a number more for each part of the sky behind the camera. Where nobody is in
+/// the model at all nobody sends light: light from behind the camera would be a lamp.
 pub struct OccluderBounce;
 
 impl Effect for OccluderBounce {
@@ -30,7 +35,9 @@ impl Effect for OccluderBounce {
             let sum: f32 = (0..texels).map(|t| scene.radiance[3 * t + c]).sum();
             sum / texels.max(1) as f32
         });
-        let sent = sent_by_occluder(scene, mean).unwrap_or_else(|| vec![0.0; scene.size()]);
+        let sent = sent_by_occluder(scene, mean);
+        let somebody = sent.is_some();
+        let sent = sent.unwrap_or_else(|| vec![0.0; scene.size()]);
         let azimuths = azimuths(scene.seen);
         let turned = |axis: usize| {
             scene.on_views(|v| {
@@ -48,6 +55,25 @@ impl Effect for OccluderBounce {
         let mut terms: Vec<Term> = sides.collect();
         let name = "radiance (of the mean) of the occluder";
         terms.push(Term::new(name, 0.3, sent).positive());
+        let cells = if somebody {
+            light_of_cells(scene, |_, c| mean[c])
+        } else {
+            vec![vec![0.0; scene.size()]; CameraGrid::CELLS]
+        };
+        let parts = (0..CameraGrid::PARTS).map(|part| {
+            let mut field = vec![0.0; scene.size()];
+            for (cell, sent) in cells.iter().enumerate() {
+                if CameraGrid::part(cell) == Some(part) {
+                    field.iter_mut().zip(sent).for_each(|(f, s)| *f += s);
+                }
+            }
+            let name = format!(
+                "radiance (of the mean) {} beyond that",
+                CameraGrid::part_name(part)
+            );
+            Term::new(name, 0.1, field).positive()
+        });
+        terms.extend(parts);
         terms
     }
 }

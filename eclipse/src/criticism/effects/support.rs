@@ -115,37 +115,55 @@ pub fn gradient(image: &Image, [x, y]: [f32; 2]) -> ([f32; 3], [f32; 3]) {
 
 /// The place of a direction on a grid that turns with the camera: azimuth from the camera's, and height, in cells.
 ///
-/// Cells around the camera's own azimuth are narrow, those across from it wide.
+/// Cells around the camera's own azimuth are narrow. Aside and on the object's other side there are none: whoever moves with the camera
+/// holds it, whoever stands opposite is in the picture, and a ring of opacity all round at one height would be nothing but light that is
+/// dimmer from there; with most of such a ring, what a pale person adds can be imitated.
 #[derive(Clone, Copy, Debug)]
 pub struct CameraGrid;
 
 /// Borders of the cells in azimuth from the camera, degrees.
-const AZIMUTHS: [f32; 9] = [-180.0, -90.0, -45.0, -24.0, -8.0, 8.0, 24.0, 45.0, 90.0];
+const AZIMUTHS: [f32; 8] = [-90.0, -45.0, -24.0, -8.0, 8.0, 24.0, 45.0, 90.0];
+/// Their tangents, those of ±90° apart.
+const TANGENTS: [f32; 6] = [
+    -1.0,
+    -0.445_228_7,
+    -0.140_540_83,
+    0.140_540_83,
+    0.445_228_7,
+    1.0,
+];
 /// Borders of the cells in height (sine of elevation).
 const HEIGHTS: [f32; 6] = [-1.0, -0.6, -0.25, 0.1, 0.4, 0.75];
+/// Cells of one height.
+const COLUMNS: usize = AZIMUTHS.len() - 1;
 
 impl CameraGrid {
     /// The number of cells.
-    pub const CELLS: usize = AZIMUTHS.len() * HEIGHTS.len();
+    pub const CELLS: usize = COLUMNS * HEIGHTS.len();
 
-    /// The cell that holds a direction seen from the origin, for a camera at the azimuth (cos, sin).
-    pub fn cell(direction: Vec3, [cos, sin]: [f32; 2]) -> usize {
+    /// The cell that holds a direction seen from the origin, for a camera at the azimuth (cos, sin); `None` away from the camera.
+    pub fn cell(direction: Vec3, [cos, sin]: [f32; 2]) -> Option<usize> {
         let along = direction.x * cos + direction.y * sin;
+        if along <= 0.0 {
+            return None;
+        }
         let across = -direction.x * sin + direction.y * cos;
-        let azimuth = across.atan2(along).to_degrees();
-        let column = AZIMUTHS.iter().rposition(|&a| azimuth >= a).unwrap_or(0);
+        let column = TANGENTS.iter().rposition(|&t| across >= t * along)?;
+        if column == COLUMNS {
+            return None;
+        }
         let row = HEIGHTS.iter().rposition(|&h| direction.z >= h).unwrap_or(0);
-        row * AZIMUTHS.len() + column
+        Some(row * COLUMNS + column)
     }
 
     /// What a cell is, for people.
     pub fn name(cell: usize) -> String {
-        let (row, column) = (cell / AZIMUTHS.len(), cell % AZIMUTHS.len());
-        let next = AZIMUTHS.get(column + 1).copied().unwrap_or(180.0);
+        let (row, column) = (cell / COLUMNS, cell % COLUMNS);
         let top = HEIGHTS.get(row + 1).copied().unwrap_or(1.0);
         format!(
-            "azimuth {:.0}° to {next:.0}° from the camera, elevation {:.0}° to {:.0}°",
+            "azimuth {:.0}° to {:.0}° from the camera, elevation {:.0}° to {:.0}°",
             AZIMUTHS[column],
+            AZIMUTHS[column + 1],
             HEIGHTS[row].asin().to_degrees(),
             top.asin().to_degrees()
         )
@@ -156,11 +174,11 @@ impl CameraGrid {
 
     /// The part that a cell belongs to of where somebody behind the camera would be: left, middle and right, below and above.
     pub fn part(cell: usize) -> Option<usize> {
-        let (row, column) = (cell / AZIMUTHS.len(), cell % AZIMUTHS.len());
+        let (row, column) = (cell / COLUMNS, cell % COLUMNS);
         let side = match column {
-            2 | 3 => 0,
-            4 => 1,
-            5 | 6 => 2,
+            0 | 1 => 0,
+            2 => 1,
+            3 | 4 => 2,
             _ => return None,
         };
         match row {
@@ -179,8 +197,7 @@ impl CameraGrid {
 
     /// Whether a cell is where somebody behind the camera would be.
     pub fn behind_camera(cell: usize) -> bool {
-        let (row, column) = (cell / AZIMUTHS.len(), cell % AZIMUTHS.len());
-        (2..=6).contains(&column) && (1..=4).contains(&row)
+        (1..=4).contains(&(cell / COLUMNS))
     }
 }
 
@@ -214,6 +231,32 @@ pub fn lamp_slope(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn cells_turn_with_the_camera() {
+        let camera = |degrees: f32| [degrees.to_radians().cos(), degrees.to_radians().sin()];
+        let at = |azimuth: f32, elevation: f32| {
+            let (sin, cos) = azimuth.to_radians().sin_cos();
+            let up = elevation.to_radians().sin();
+            let level = (1.0 - up * up).sqrt();
+            Vec3::new(cos * level, sin * level, up)
+        };
+        for turned in [0.0, 50.0, -130.0] {
+            let columns = [-44.0, -9.0, 7.0, 9.0, 44.0].into_iter().enumerate();
+            for (column, from_camera) in columns {
+                let cell = CameraGrid::cell(at(turned + from_camera, 0.0), camera(turned));
+                assert_eq!(cell, Some(2 * COLUMNS + column), "{turned} {from_camera}");
+            }
+            let beyond = CameraGrid::cell(at(turned + 46.0, 0.0), camera(turned));
+            assert_eq!(beyond, None);
+        }
+        let cell = CameraGrid::cell(at(9.0, 10.0), camera(0.0)).unwrap();
+        assert_eq!(
+            CameraGrid::name(cell),
+            "azimuth 8° to 24° from the camera, elevation 6° to 24°"
+        );
+        assert_eq!(CameraGrid::part(cell), Some(5));
+    }
 
     #[test]
     fn a_wide_blur_is_the_blur() {
