@@ -260,10 +260,13 @@ proptest! {
             program.forward(&mut ws).unwrap();
             ws.output("loss").unwrap()[0]
         };
-        let h = 1e-4;
-        let difference = (8.0 * (at(h) - at(-h)) - (at(2.0 * h) - at(-2.0 * h))) / (12.0 * h);
+        let mut slope = |h: f64| (8.0 * (at(h) - at(-h)) - (at(2.0 * h) - at(-2.0 * h))) / (12.0 * h);
+        // How far differences themselves are off, where a graph bends sharply: a wrong tangent is off from both alike.
+        let (difference, finer) = (slope(1e-4), slope(5e-5));
+        let unsure = (difference - finer).abs();
         let scale = tangent.abs().max(at(0.0).abs()).max(1.0);
-        prop_assert!((difference - tangent).abs() <= 1e-6 * scale, "{difference} by differences, {tangent}");
+        prop_assert!(unsure <= 1e-3 * scale, "{difference} and {finer} by differences");
+        prop_assert!((finer - tangent).abs() <= 1e-6 * scale + unsure, "{finer} by differences, {tangent}");
     }
 
     #[test]

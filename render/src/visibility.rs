@@ -8,7 +8,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::bvh::{Bvh, SurfacePoint, offset_origin};
+use crate::bvh::{Bvh, Rays, SurfacePoint, offset_origin};
 use crate::lat_long::LatLong;
 use crate::sampler::SampleKey;
 
@@ -52,21 +52,28 @@ impl VisibilityCache {
             .zip(points)
             .enumerate()
             .for_each(|(i, (bits, point))| {
-                let origin = offset_origin(point);
                 let mut stream = SampleKey {
                     pixel: i as u32,
                     ..SampleKey::default()
                 }
                 .stream();
-                for part in 0..fine.len() {
+                let mut open = vec![false; fine.len()];
+                let mut along = [0, 1, 2].map(|_| vec![0.0; fine.len()]);
+                for (part, open) in open.iter_mut().enumerate() {
                     let place = stream.uniform_2d();
                     let direction =
                         fine.direction_within(part / fine.columns, part % fine.columns, place);
-                    let above = point.normal.dot(direction) > 0.0
+                    *open = point.normal.dot(direction) > 0.0
                         && point.geometric_normal.dot(direction) > 0.0;
-                    if above && !bvh.blocked(origin, direction) {
-                        bits[part / 64] |= 1 << (part % 64);
-                    }
+                    (0..3).for_each(|axis| along[axis][part] = direction[axis]);
+                }
+                let rays = Rays {
+                    direction: [0, 1, 2].map(|axis| along[axis].as_slice()),
+                    open: &mut open,
+                };
+                bvh.close_blocked(offset_origin(point), rays);
+                for (part, open) in open.iter().enumerate() {
+                    bits[part / 64] |= u64::from(*open) << (part % 64);
                 }
             });
         Self {

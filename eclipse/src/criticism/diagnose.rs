@@ -183,7 +183,7 @@ pub fn diagnose<'a>(
         .iter()
         .map(|step| finding(step.choice, after, step.gain, &errors))
         .collect();
-    let all_shared = is_shared(after);
+    let all_shared = after.is_shared();
     let none = FrameNumbers::none();
     let judge = Judge::new(&study, before, after, Noise::Sensor);
     let [first_errors, last_errors] = [before, after].map(|fit| judge.errors(&study, fit, &none));
@@ -321,12 +321,6 @@ pub fn light_of(capture: &Capture) -> Light {
 /// The model with everything that refits speak for.
 fn last_of(rounds: &[Round]) -> Option<&Fit> {
     rounds.last()?.standing.first().map(|(_, fit)| fit)
-}
-
-/// Whether no effect of the model has numbers of single frames.
-fn is_shared(fit: &Fit) -> bool {
-    let mut terms = fit.links.iter().flat_map(|link| link.terms.iter());
-    terms.all(|term| term.frame.is_none())
 }
 
 /// Scores these effects at a fit.

@@ -337,6 +337,12 @@ impl Fit {
         self.active.push(Active { effect, beta });
     }
 
+    /// Whether no effect of the model has numbers of single frames.
+    pub fn is_shared(&self) -> bool {
+        let mut terms = self.links.iter().flat_map(|link| link.terms.iter());
+        terms.all(|term| term.frame.is_none())
+    }
+
     /// Sets all numbers of single frames to zero: before another effect joins, what only stood in for it must not stay.
     pub fn forget_frames(&mut self) {
         for active in &mut self.active {

@@ -5,6 +5,7 @@ use serde::Serialize;
 use super::{
     fit::Fit,
     neighbours::{self, shared},
+    split::frame_sealed,
     statistics::{discoveries, normal_tail},
     study::Study,
 };
@@ -33,16 +34,19 @@ pub struct HotSpot {
     pub shared: Option<f64>,
 }
 
-/// Parts of frames with significant mean residual (Benjamini and Hochberg at 1 %), largest first.
+/// Parts of frames with significant mean residual (Benjamini and Hochberg at 1 %), largest first; of frames that were sealed only where
+/// no effect in `fit` has numbers of single frames, since theirs are not known.
 pub fn hot_spots(study: &Study<'_>, fit: &Fit, most: usize) -> Vec<HotSpot> {
     let residual = fit.residual(study);
     let patches = study.seen.patches;
     let scale = fit.inflation;
+    let all_known = fit.is_shared();
+    let known = |frame: u32| all_known || !frame_sealed(frame, study.seen.frames);
     // Mean over the colours and the views of each (frame, patch).
     let mut cells: Vec<(f64, f64, f64, Vec<usize>)> =
         vec![(0.0, 0.0, 0.0, Vec::new()); patches * study.seen.frames];
     for (v, view) in study.seen.views.iter().enumerate() {
-        if !study.has_known_albedo(v) {
+        if !study.has_known_albedo(v) || !known(view.frame) {
             continue;
         }
         let patch = usize::from(study.seen.sites[view.site as usize].place.patch);

@@ -10,6 +10,7 @@ use super::{
     effects, film, maps,
     plot::{self, picture},
     silhouette,
+    split::frame_sealed,
 };
 use crate::{
     files::atomic,
@@ -205,8 +206,15 @@ fn pictures(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, Page
             picture(&maps.significance[0], |p| diverging(p[0] / RANGE))?,
             picture(&maps.significance[1], |p| diverging(p[0] / RANGE))?,
         ];
+        let unknown =
+            !outcome.after.is_shared() && frame_sealed(t as u32, outcome.study.seen.frames);
+        let remark = if unknown {
+            "<br><small>sealed: what the effects do in this frame alone was not fitted</small>"
+        } else {
+            ""
+        };
         rows += &format!(
-            "<tr><td>{t}</td>{}</tr>",
+            "<tr><td>{t}{remark}</td>{}</tr>",
             cells.map(|c| format!("<td>{c}</td>")).concat()
         );
     }

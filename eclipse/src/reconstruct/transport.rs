@@ -1,8 +1,10 @@
 //! Transport rows of patches: how much light from every texel reaches them past the object itself.
 
-use glam::Vec3;
 use rayon::prelude::*;
-use render::{bvh::Bvh, transport::Quadrature};
+use render::{
+    bvh::{Bvh, Rays, offset_origin},
+    transport::Quadrature,
+};
 
 use super::patches::Patch;
 
@@ -17,17 +19,26 @@ pub fn rows(bvh: &Bvh, quadrature: &Quadrature, patches: &[Patch]) -> Vec<f32> {
         .for_each(|(row, patch)| {
             let share =
                 quadrature.rays() as f32 / (patch.members.len() as f32 * std::f32::consts::PI);
+            let mut open = vec![false; grid.len()];
+            let mut along = [0, 1, 2].map(|_| vec![0.0; grid.len()]);
             for (m, member) in patch.members.iter().enumerate() {
-                let origin = render::bvh::offset_origin(member);
-                for texel in 0..grid.len() {
-                    let ray = (m + texel) % quadrature.rays();
-                    let direction: Vec3 = quadrature.direction(texel, ray);
-                    let cosine = member.normal.dot(direction);
-                    let above = cosine > 0.0 && member.geometric_normal.dot(direction) > 0.0;
-                    if above && !bvh.blocked(origin, direction) {
-                        let amount = share * cosine * quadrature.solid_angle(texel, ray);
-                        quadrature.spread(texel, ray, amount, row);
-                    }
+                let ray = |texel: usize| (m + texel) % quadrature.rays();
+                for (texel, open) in open.iter_mut().enumerate() {
+                    let direction = quadrature.direction(texel, ray(texel));
+                    *open = member.normal.dot(direction) > 0.0
+                        && member.geometric_normal.dot(direction) > 0.0;
+                    (0..3).for_each(|axis| along[axis][texel] = direction[axis]);
+                }
+                let rays = Rays {
+                    direction: [0, 1, 2].map(|axis| along[axis].as_slice()),
+                    open: &mut open,
+                };
+                bvh.close_blocked(offset_origin(member), rays);
+                for texel in (0..grid.len()).filter(|&texel| open[texel]) {
+                    let ray = ray(texel);
+                    let cosine = member.normal.dot(quadrature.direction(texel, ray));
+                    let amount = share * cosine * quadrature.solid_angle(texel, ray);
+                    quadrature.spread(texel, ray, amount, row);
                 }
             }
         });
