@@ -102,7 +102,8 @@ impl Checkpoint {
     /// Checks that continuing makes sense: the same capture, and settings that differ in nothing that shapes the result.
     ///
     /// Time limit, iteration count and threads may change. So may memory: how the work is divided is kept from the beginning, and
-    /// whether that still fits is looked at where it is known ([`CheckpointError::Memory`]).
+    /// whether that still fits is looked at where it is known ([`CheckpointError::Memory`]). Files may be read by other words as long
+    /// as the capture that they give is the same.
     ///
     /// # Errors
     /// [`CheckpointError::OtherCapture`] or [`CheckpointError::OtherSettings`], naming what differs.
@@ -112,7 +113,7 @@ impl Checkpoint {
         }
         let comparable = |settings: &Settings| {
             let mut value = serde_json::to_value(settings).unwrap_or_default();
-            for free in ["time_limit", "iterations", "threads", "memory"] {
+            for free in ["time_limit", "iterations", "threads", "memory", "reading"] {
                 value[free] = serde_json::Value::Null;
             }
             value

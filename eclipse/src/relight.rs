@@ -25,7 +25,7 @@ use crate::{
 
 pub use cameras::{Orbit, evenly};
 pub use light::{Axes, Lights};
-pub use object::Object;
+pub use object::{Object, reading};
 pub use picture::{ANTIALIASING, Quality, picture};
 pub use views::{View, frame_names, number};
 pub use write::{Folder, Record};

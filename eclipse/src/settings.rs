@@ -39,6 +39,9 @@ pub struct Settings {
     pub harmonic_degree: usize,
     /// Mesh given in place of the capture's own.
     pub mesh: Option<PathBuf>,
+    /// How the capture's files are read.
+    #[serde(default)]
+    pub reading: Reading,
     /// Folder of an earlier result that the `paper` preset starts from.
     #[serde(default)]
     pub from: Option<PathBuf>,
@@ -73,6 +76,7 @@ impl Settings {
                 Preset::Paper => PAPER_DEGREE,
             },
             mesh: None,
+            reading: Reading::default(),
             from: None,
             with: Vec::new(),
             parametrisation: Parametrisation::default(),
@@ -105,6 +109,21 @@ impl Default for Settings {
     fn default() -> Self {
         Self::of(Preset::default())
     }
+}
+
+/// How the files of a capture are read, in the words of the command line; `None` where nothing was said.
+///
+/// No solver looks at it: it is for those who read the same capture again. That files outside of the capture may be read is no part of
+/// it: whoever trusts a capture says so each time.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Reading {
+    /// How photographs store colours.
+    pub color: Option<String>,
+    /// Which axis of the capture's own world points up.
+    pub up: Option<String>,
+    /// Longest side of photographs, in pixels.
+    pub max_size: Option<u32>,
 }
 
 /// Which algorithm solves for light, materials and occluders.
@@ -289,7 +308,7 @@ mod tests {
     fn settings_written_before_there_was_a_choice_are_the_papers() {
         let mut value = serde_json::to_value(Settings::of(Preset::Paper)).unwrap();
         let fields = value.as_object_mut().unwrap();
-        for name in ["parametrisation", "batch"] {
+        for name in ["parametrisation", "batch", "reading"] {
             assert!(fields.remove(name).is_some(), "{name}");
         }
         let read: Settings = serde_json::from_value(value).unwrap();

@@ -126,6 +126,54 @@ fn cameras_of_an_unsupported_kind() {
 }
 
 #[test]
+fn lenses_that_are_no_perspective_ones() {
+    // As instant-ngp tells of them, for all frames or for one.
+    for (field, value) in [
+        ("is_fisheye", json!(true)),
+        ("latlong", json!(true)),
+        ("ftheta_p0", json!(0.5)),
+    ] {
+        json_says(
+            |json| json[field] = value.clone(),
+            &["frame \"000\"", field, "not supported", "undistort"],
+        );
+        json_says(
+            |json| json["frames"][3][field] = value.clone(),
+            &["frame \"003\"", field, "not supported", "undistort"],
+        );
+    }
+    // Of such a lens all coefficients mean something else: it comes first.
+    json_says(
+        |json| {
+            json["is_fisheye"] = json!(true);
+            json["k3"] = json!(0.1);
+        },
+        &["`is_fisheye`"],
+    );
+    // colmap2nerf of instant-ngp always says whether.
+    let mut plain = Spoiled::new();
+    plain.json["is_fisheye"] = json!(false);
+    plain.json["frames"][0]["latlong"] = json!(false);
+    plain.json["frames"][0]["camera_model"] = json!("PINHOLE");
+    fs::write(plain.path.join("transforms.json"), plain.json.to_string()).unwrap();
+    Capture::load(&plain.path, &LoadOptions::default()).unwrap();
+
+    json_says(
+        |json| json["frames"][2]["camera_model"] = json!("OPENCV_FISHEYE"),
+        &[
+            "002",
+            "`camera_model` is \"OPENCV_FISHEYE\"",
+            "not supported yet",
+            "undistort",
+        ],
+    );
+    json_says(
+        |json| json["frames"][2]["camera_model"] = json!("ORTHOGRAPHIC"),
+        &["002", "`camera_model` is \"ORTHOGRAPHIC\"", "say it once"],
+    );
+}
+
+#[test]
 fn intrinsics_that_no_camera_has() {
     let remove = |json: &mut Value, names: &[&str]| {
         for name in names {
@@ -414,6 +462,40 @@ fn paths_that_lead_out_of_the_folder() {
     fs::rename(mesh.path.join("mesh.glb"), mesh.path.join("../mesh.glb")).unwrap();
     mesh.json["ply_file_path"] = json!("../mesh.glb");
     mesh.says(&["`ply_file_path` names", "outside"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn descriptions_that_lie_elsewhere() {
+    for name in ["transforms.json", "transforms_train.json"] {
+        let capture = Spoiled::new();
+        let elsewhere = capture.path.join("../elsewhere.json");
+        fs::rename(capture.path.join("transforms.json"), &elsewhere).unwrap();
+        std::os::unix::fs::symlink("../elsewhere.json", capture.path.join(name)).unwrap();
+        capture.load_says(&[
+            name,
+            "leads out of the capture's folder through a link",
+            "put the file itself there",
+            "give --allow-outside when you trust the capture",
+        ]);
+        let trusted = LoadOptions {
+            allow_outside: true,
+            ..LoadOptions::default()
+        };
+        Capture::load(&capture.path, &trusted).unwrap();
+        // A link within the folder leads nowhere else.
+        fs::remove_file(capture.path.join(name)).unwrap();
+        fs::rename(&elsewhere, capture.path.join("inside.json")).unwrap();
+        std::os::unix::fs::symlink("inside.json", capture.path.join(name)).unwrap();
+        Capture::load(&capture.path, &LoadOptions::default()).unwrap();
+    }
+    // Nor are photographs of other splits counted elsewhere.
+    let capture = Spoiled::new();
+    let at = |name: &str| capture.path.join(name);
+    fs::rename(at("transforms.json"), at("transforms_train.json")).unwrap();
+    fs::copy(at("transforms_train.json"), at("../test.json")).unwrap();
+    std::os::unix::fs::symlink("../test.json", at("transforms_test.json")).unwrap();
+    capture.load_says(&["transforms_test.json", "leads out of the capture's folder"]);
 }
 
 #[test]

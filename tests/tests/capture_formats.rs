@@ -93,6 +93,37 @@ fn colmap_models_become_the_cameras_they_were_made_of() {
     }
 }
 
+#[cfg(unix)]
+#[test]
+fn files_of_a_colmap_model_lie_in_the_folder() {
+    for (encoding, extension) in ENCODINGS {
+        for name in ["cameras", "images", "points3D"] {
+            let (folder, elsewhere) = (colmap(encoding), tempfile::tempdir().unwrap());
+            let name = format!("{name}.{extension}");
+            let (file, other) = (
+                folder.path().join("sparse/0").join(&name),
+                elsewhere.path().join(&name),
+            );
+            fs::copy(&file, &other).unwrap();
+            fs::remove_file(&file).unwrap();
+            std::os::unix::fs::symlink(&other, &file).unwrap();
+            says(
+                folder.path(),
+                &[
+                    &name,
+                    "leads out of the capture's folder",
+                    "--allow-outside",
+                ],
+            );
+            let trusted = LoadOptions {
+                allow_outside: true,
+                ..LoadOptions::default()
+            };
+            Capture::load(folder.path(), &trusted).unwrap();
+        }
+    }
+}
+
 #[test]
 fn colmap_models_may_lie_in_the_folder_itself() {
     let folder = colmap(Encoding::Text);

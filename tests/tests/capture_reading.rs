@@ -46,6 +46,11 @@ fn up(up: UpAxis) -> LoadOptions {
     }
 }
 
+/// A direction along none of the axes.
+fn oblique() -> UpAxis {
+    UpAxis::along(Vec3::new(0.2, -1.8, 0.7)).unwrap()
+}
+
 fn at_most(side: usize) -> LoadOptions {
     LoadOptions {
         max_size: Some(side),
@@ -88,7 +93,7 @@ fn whichever_axis_points_up_it_is_z_in_what_is_read() {
         lamps: (0..made.frames.len()).map(lamp).collect(),
         ball: false,
     });
-    for axis in UpAxis::ALL {
+    for axis in UpAxis::ALL.into_iter().chain([oblique()]) {
         let folder = written(&lying(&made, axis));
         let found = load(&folder, &up(axis)).unwrap();
         assert!(found.lamps.is_some());
@@ -109,8 +114,10 @@ fn a_model_of_colmap_is_turned_upright() {
         colmap_model::write(folder.path(), capture, Encoding::Binary);
         Capture::load(folder.path(), &up(axis)).unwrap()
     };
-    let axis = UpAxis::NegY;
-    assert_alike(&read(&lying(&made, axis), axis), &read(&made, UpAxis::Z));
+    let upright = read(&made, UpAxis::Z);
+    for axis in [UpAxis::NegY, oblique()] {
+        assert_alike(&read(&lying(&made, axis), axis), &upright);
+    }
 }
 
 #[test]

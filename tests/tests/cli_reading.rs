@@ -10,14 +10,18 @@ use std::{
 use eclipse::{
     capture::{Capture, LoadOptions, UpAxis, write},
     evaluate::environment,
-    image_io::read_exr,
+    image_io::{read_exr, write_exr},
     mesh_io::read_mesh,
+    output,
+    report::ReportOptions,
 };
 use eclipse_tests::{
     capture_turned::lying,
+    perfect,
     program::{self, stderr, text},
     small_capture,
 };
+use render::image::Image;
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -76,6 +80,7 @@ fn a_result_is_upright_whichever_axis_was_up() {
     done(line, small_capture::on_disk(), &plain);
     done(&format!("{line} --up -y"), on_its_head(), &turned);
 
+    assert_eq!(json(&turned.join("settings.json"))["reading"]["up"], "-y");
     let mesh = read_mesh(&turned.join("mesh.glb")).unwrap();
     let capture = loaded();
     assert_eq!(mesh.positions.len(), capture.mesh.positions.len());
@@ -101,25 +106,82 @@ fn a_result_is_upright_whichever_axis_was_up() {
     let cameras = on_its_head().join("transforms.json");
     let relit = folder.path().join("relit");
     let map = plain.join("environment.exr");
-    let line = format!(
-        "relight CAPTURE --environment {} --camera {} --up -y --size 16x16 --samples 2 --frames 1 --out OUT",
-        text(&map),
-        text(&cameras)
-    );
+    let line = relight(&map, &cameras);
     done(&line, &turned, &relit);
+    assert_seen_as_by(&relit, &capture);
+}
+
+/// A picture through the first of these cameras, the run in place of the capture.
+fn relight(map: &Path, cameras: &Path) -> String {
+    format!(
+        "relight CAPTURE --environment {} --camera {} --size 16x16 --samples 2 --frames 1 --out OUT",
+        text(map),
+        text(cameras)
+    )
+}
+
+/// That the picture in `relit` was taken from where the first of the capture's was.
+fn assert_seen_as_by(relit: &Path, capture: &Capture) {
     let record = json(&relit.join("relight.json"));
-    let pose = capture.frames[0].camera.world_from_camera;
+    let mut pose = capture.frames[0].camera.world_from_camera;
+    pose.w_axis += capture.centre.extend(0.0);
     for row in 0..4 {
         for column in 0..4 {
-            let centre = if column == 3 && row < 3 {
-                capture.centre[row]
-            } else {
-                0.0
-            };
-            let expected = f64::from(pose.col(column)[row] + centre);
+            let expected = f64::from(pose.col(column)[row]);
             let found = record["cameras"][0][row][column].as_f64().unwrap();
             assert!((found - expected).abs() < 1e-4, "{found} {expected}");
         }
+    }
+}
+
+#[test]
+fn relight_reads_cameras_as_the_run_read_its_capture() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let (run_folder, cameras, map) = (at("run"), at("capture"), at("light.exr"));
+    let capture = perfect::capture();
+    let mut solved = perfect::reconstruction(&capture);
+    let oblique = "0.1,-0.9,0.3";
+    solved.settings.reading.up = Some(oblique.to_owned());
+    output::write(&run_folder, &capture, &solved, &ReportOptions::default()).unwrap();
+    write(&cameras, &lying(&capture, oblique.parse().unwrap())).unwrap();
+    write_exr(&map, &Image::filled(8, 4, 3, 0.5), &["R", "G", "B"]).unwrap();
+    let line = relight(&map, &cameras);
+    done(&line, &run_folder, &at("as it was read"));
+    assert_seen_as_by(&at("as it was read"), &capture);
+    // What is typed counts: of cameras in the world in which results are written z is up.
+    let upright = at("upright");
+    write(&upright, &capture).unwrap();
+    let line = relight(&map, &upright) + " --up z";
+    done(&line, &run_folder, &at("as it is typed"));
+    assert_seen_as_by(&at("as it is typed"), &capture);
+
+    // Whoever trusts a capture says so again.
+    #[cfg(unix)]
+    {
+        fs::rename(cameras.join("transforms.json"), at("elsewhere.json")).unwrap();
+        std::os::unix::fs::symlink("../elsewhere.json", cameras.join("transforms.json")).unwrap();
+        let line = relight(&map, &cameras);
+        let refused = run(&line, &run_folder, &at("refused"));
+        assert_eq!(refused.status.code(), Some(3));
+        assert!(stderr(&refused).contains("give --allow-outside"));
+        done(&(line + " --allow-outside"), &run_folder, &at("trusted"));
+        assert_seen_as_by(&at("trusted"), &capture);
+    }
+
+    let settings = run_folder.join("settings.json");
+    let mut edited = json(&settings);
+    edited["reading"]["up"] = "sideways".into();
+    fs::write(&settings, edited.to_string()).unwrap();
+    let refused = run(&relight(&map, &upright), &run_folder, &at("refused"));
+    let message = stderr(&refused);
+    assert_eq!(refused.status.code(), Some(3), "{message}");
+    for part in [
+        "settings.json: `reading.up` is \"sideways\"",
+        "expected one of x, y",
+        "give --up",
+    ] {
+        assert!(message.contains(part), "{part}: {message}");
     }
 }
 
@@ -181,7 +243,13 @@ fn inspect_sees_what_a_run_would() {
 
 #[test]
 fn an_axis_that_is_none_and_a_size_of_nothing_are_wrong_usage() {
-    for options in ["--up up", "--up 3", "--max-size 0", "--max-size big"] {
+    for options in [
+        "--up up",
+        "--up 3",
+        "--up 0,0,0",
+        "--max-size 0",
+        "--max-size big",
+    ] {
         let line = format!("inspect CAPTURE {options}");
         let output = run(&line, small_capture::on_disk(), Path::new("unused"));
         assert_eq!(output.status.code(), Some(2), "{options}");

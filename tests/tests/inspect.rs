@@ -115,7 +115,8 @@ fn sparse_points_and_the_up_direction_of_colmap_models_are_judged() {
 #[test]
 fn sparse_points_are_turned_as_the_capture_is() {
     let made = small_capture(Vec3::new(0.5, -0.25, 2.0));
-    for up in UpAxis::ALL {
+    let oblique = "0.3,-0.8,0.4".parse().unwrap();
+    for up in UpAxis::ALL.into_iter().chain([oblique]) {
         let folder = tempfile::tempdir().unwrap();
         colmap_model::write(folder.path(), &lying(&made, up), Encoding::Binary);
         let points = inspected_with(folder.path(), up).points;
@@ -213,10 +214,50 @@ fn a_world_on_its_side_is_noticed() {
     // What is to be typed is told, and with it there is nothing to warn of.
     assert_eq!(inspection.cameras.nearest_up, "-y");
     assert!(warns(&inspection, "probably with --up -y,"));
+    let upward = Vec3::from(inspection.cameras.upward);
+    assert!(upward.angle_between(Vec3::NEG_Y) < 15f32.to_radians());
+    let shown = eclipse(&["inspect", text(&path)]);
+    assert!(program::stdout(&shown).contains("(in the capture's own axes they hold"));
     let upright = inspected_with(&path, UpAxis::NegY);
+    assert!((Vec3::from(upright.cameras.upward) - upward).length() < 1e-5);
     assert!(upright.cameras.tilt < 30.0, "{}", upright.cameras.tilt);
     assert_eq!(upright.cameras.nearest_up, "-y");
     assert!(!warns(&upright, "off the world's z axis"));
+}
+
+#[test]
+fn looks_of_the_mesh_that_are_not_used_are_told_of() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, scan) = (
+        folder.path().join("capture"),
+        folder.path().join("scan.obj"),
+    );
+    let made = small_capture(Vec3::ZERO);
+    write(&path, &made).unwrap();
+    let vertices = made
+        .mesh
+        .positions
+        .iter()
+        .map(|p| format!("v {} {} {}", p.x, p.y, p.z));
+    let faces = made.mesh.faces.iter();
+    let faces = faces.map(|face| face.map(|index| (index + 1).to_string()).join(" "));
+    let obj = |colour: &str, material: &str| {
+        let vertices = vertices.clone().map(|vertex| vertex + colour + "\n");
+        let faces = faces.clone().map(|face| format!("f {face}\n"));
+        vertices.collect::<String>() + material + &faces.collect::<String>()
+    };
+    let shown = |scan_text: String| {
+        fs::write(&scan, scan_text).unwrap();
+        let shown = eclipse(&["inspect", text(&path), "--mesh", text(&scan)]);
+        assert_eq!(shown.status.code(), Some(0));
+        program::stdout(&shown)
+    };
+    let painted = shown(obj(" 0.5 0.4 0.3", "usemtl paint\n"));
+    let remark = "; only its shape is used, not the vertex colours and materials of its file";
+    assert!(painted.contains(remark), "{painted}");
+    assert!(!shown(obj("", "")).contains("only its shape"));
+    // The capture's own mesh, which is written with a material.
+    assert_eq!(inspected(&path).object.unused, ["materials"]);
 }
 
 #[test]

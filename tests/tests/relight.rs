@@ -404,7 +404,7 @@ fn cameras_are_those_of_a_capture_of_any_format() {
     eclipse::capture::write(&ours, &made).unwrap();
     colmap_model::write(&colmap, &made, Encoding::Text);
     for (path, name) in [(ours, "003"), (colmap, "images/003")] {
-        let cameras = read_cameras(&path, None).unwrap();
+        let cameras = read_cameras(&path, None, false).unwrap();
         assert_eq!(cameras.len(), made.frames.len());
         for ((_, found), frame) in cameras.iter().zip(&made.frames) {
             let mut expected = frame.camera.world_from_camera;
@@ -412,11 +412,13 @@ fn cameras_are_those_of_a_capture_of_any_format() {
             assert!(found.world_from_camera.abs_diff_eq(expected, 1e-4));
             assert_eq!([found.width, found.height], SIZE);
         }
-        assert_eq!(frame_names(&path).unwrap()[3], name);
-        let halved = read_cameras(&path, Some(SIZE.map(|side| side / 2))).unwrap();
+        assert_eq!(frame_names(&path, false).unwrap()[3], name);
+        let halved = read_cameras(&path, Some(SIZE.map(|side| side / 2)), false).unwrap();
         assert_eq!(halved[0].1.width, SIZE[0] / 2);
     }
-    let error = read_cameras(folder.path(), None).unwrap_err().to_string();
+    let error = read_cameras(folder.path(), None, false)
+        .unwrap_err()
+        .to_string();
     assert!(
         error.contains("none of the files that describe a capture"),
         "{error}"
@@ -437,25 +439,37 @@ fn cameras_take_their_size_from_the_file_or_from_who_asks() {
         .unwrap();
     };
     write(r#""w":80,"h":60,"#);
-    let own = &read_cameras(&path, None).unwrap()[0].1;
-    let half = &read_cameras(&path, Some([40, 30])).unwrap()[0].1;
+    let own = &read_cameras(&path, None, false).unwrap()[0].1;
+    let half = &read_cameras(&path, Some([40, 30]), false).unwrap()[0].1;
     assert_eq!(
         [own.width, own.height, half.width, half.height],
         [80, 60, 40, 30]
     );
     // The same place of the picture looks the same way.
     assert!((own.ray(20.0, 10.0).direction - half.ray(10.0, 5.0).direction).length() < 1e-6);
-    let error = read_cameras(&path, Some([40, 40])).unwrap_err().to_string();
+    let error = read_cameras(&path, Some([40, 40]), false)
+        .unwrap_err()
+        .to_string();
     assert!(error.contains("ask for 40 × 30"), "{error}");
 
     // What is not rendered at its own size may have any.
     write(r#""w":90000,"h":60000,"#);
-    assert_eq!(read_cameras(&path, Some([90, 60])).unwrap()[0].1.width, 90);
-    let error = read_cameras(&path, None).unwrap_err().to_string();
+    assert_eq!(
+        read_cameras(&path, Some([90, 60]), false).unwrap()[0]
+            .1
+            .width,
+        90
+    );
+    let error = read_cameras(&path, None, false).unwrap_err().to_string();
     assert!(error.contains("at most 8192 pixels a side"), "{error}");
 
     write("");
-    let error = read_cameras(&path, None).unwrap_err().to_string();
+    let error = read_cameras(&path, None, false).unwrap_err().to_string();
     assert!(error.contains("`w` is missing"), "{error}");
-    assert_eq!(read_cameras(&path, Some([40, 40])).unwrap()[0].1.width, 40);
+    assert_eq!(
+        read_cameras(&path, Some([40, 40]), false).unwrap()[0]
+            .1
+            .width,
+        40
+    );
 }

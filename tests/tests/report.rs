@@ -66,6 +66,22 @@ fn the_viewer_says_which_of_a_runs_files_it_takes() {
 }
 
 #[test]
+fn reflectance_is_white_where_the_object_reflects_most_or_plastics_twice_over() {
+    let capture = perfect::capture();
+    let mut solved = perfect::reconstruction(&capture);
+    solved.settings.lambertian = false;
+    for (kappa, white) in [(0.04, "0.08"), (0.194, "0.2"), (7.0, "1")] {
+        solved.vertex_materials[0].kappa = kappa;
+        let page = html(&capture, &solved, &ReportOptions::new("eclipse")).unwrap();
+        // Of the object in other light, and of the frames' pictures.
+        let option = format!("reflectance κ, black 0 to white {white}</option>");
+        assert!(page.contains(&option), "{option}");
+        let caption = format!("Reflectance κ head-on, black 0 to white {white}</figcaption>");
+        assert!(page.contains(&caption), "{caption}");
+    }
+}
+
+#[test]
 fn nothing_outside_the_page_is_needed() {
     let page = page();
     for outside in [

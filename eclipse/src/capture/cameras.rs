@@ -18,7 +18,8 @@ pub const MAX_PICTURE_SIDE: usize = 8192;
 /// Every camera of the file `path`, or of the capture in the folder `path`, in its order and in its own frame, each with its frame's
 /// `file_path`.
 ///
-/// Sizes are `w` and `h`, else those of the photograph, else `size`; with `size` all cameras are brought to that size.
+/// Sizes are `w` and `h`, else those of the photograph, else `size`; with `size` all cameras are brought to that size. Files outside
+/// of the folder are read if `allow_outside`.
 ///
 /// # Errors
 /// [`CaptureError`] as for a capture; a frame of unknown size, of more than [`MAX_PICTURE_SIDE`] pixels a side, and one whose shape is
@@ -26,8 +27,9 @@ pub const MAX_PICTURE_SIDE: usize = 8192;
 pub fn read_cameras(
     path: &Path,
     size: Option<[usize; 2]>,
+    allow_outside: bool,
 ) -> Result<Vec<(String, Camera)>, CaptureError> {
-    let (transforms, folder) = described(path)?;
+    let (transforms, folder) = described(path, allow_outside)?;
     let mut cameras = Vec::with_capacity(transforms.frames.len());
     for frame in &transforms.frames {
         let name = &frame.file_path;
@@ -76,19 +78,19 @@ pub fn read_cameras(
 ///
 /// # Errors
 /// [`CaptureError`] where it cannot be read.
-pub fn read_described(path: &Path) -> Result<Transforms, CaptureError> {
-    described(path).map(|(transforms, _)| transforms)
+pub fn read_described(path: &Path, allow_outside: bool) -> Result<Transforms, CaptureError> {
+    described(path, allow_outside).map(|(transforms, _)| transforms)
 }
 
 /// The same with the folder that its files lie in.
-fn described(path: &Path) -> Result<(Transforms, Folder), CaptureError> {
+fn described(path: &Path, allow_outside: bool) -> Result<(Transforms, Folder), CaptureError> {
     if path.is_dir() {
-        let folder = Folder::new(path, false)?;
+        let folder = Folder::new(path, allow_outside)?;
         return Ok((formats::read(&folder)?.transforms, folder));
     }
     let transforms = read_transforms(path)?;
     let parent = path.parent().filter(|folder| *folder != Path::new(""));
-    let folder = Folder::new(parent.unwrap_or(Path::new(".")), false)?;
+    let folder = Folder::new(parent.unwrap_or(Path::new(".")), allow_outside)?;
     Ok((transforms, folder))
 }
 

@@ -101,6 +101,12 @@ pub enum CaptureError {
          you trust the capture (in the library: `LoadOptions::allow_outside`)", path.display()
     )]
     Outside { field: &'static str, path: PathBuf },
+    /// What describes a capture, elsewhere.
+    #[error(
+        "{} leads out of the capture's folder through a link; put the file itself there, or give --allow-outside when you trust the \
+         capture (in the library: `LoadOptions::allow_outside`)", path.display()
+    )]
+    Linked { path: PathBuf },
     /// Images that would not fit into memory together.
     #[error(
         "{}: its photographs and masks have {samples} values together (pixels × channels, of a photograph at least 4 a pixel), \

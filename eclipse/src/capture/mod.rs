@@ -75,7 +75,7 @@ pub struct Frame {
 pub struct LoadOptions {
     /// The mesh to use in place of the capture's own.
     pub mesh: Option<PathBuf>,
-    /// Whether `transforms.json` may name files outside its folder.
+    /// Whether files outside of the folder may be read: those that it names, and itself where it is a link.
     pub allow_outside: bool,
     /// How colours are stored, in place of what `transforms.json` or the file types say.
     pub color_encoding: Option<ColorEncoding>,
@@ -139,7 +139,16 @@ impl Capture {
     /// # Errors
     /// [`CaptureError`] names the file, the field, what was expected and what to do.
     pub fn describe(path: &Path, options: &LoadOptions) -> Result<Source, CaptureError> {
-        formats::read(&Folder::new(path, options.allow_outside)?)
+        let folder = Folder::new(path, options.allow_outside)?;
+        let source = formats::read(&folder)?;
+        let asked = options.mesh.as_deref();
+        let in_words = source.transforms.shape.is_some() && asked.is_none();
+        // What is amiss with it is told where it is read.
+        let mesh = folder.mesh(asked, &source.transforms).ok();
+        Ok(Source {
+            mesh: mesh.filter(|_| !in_words),
+            ..source
+        })
     }
 
     /// Reads and checks the capture in the folder `path`.
@@ -171,8 +180,7 @@ impl Capture {
             ball: shape.is_some(),
         });
 
-        let [low, high] = mesh.bounds();
-        let centre = 0.5 * low + 0.5 * high;
+        let centre = options.up.middle(&mesh);
         for position in &mut mesh.positions {
             *position -= centre;
         }

@@ -61,6 +61,18 @@ impl Folder {
         find(&self.join(name)).is_some()
     }
 
+    /// Refuses a file by which the folder is told to be a capture, `path` within it, that is a link out of it.
+    ///
+    /// One that is not there is for its reader to tell of.
+    pub fn check_own(&self, path: &Path) -> Result<(), CaptureError> {
+        match path.canonicalize() {
+            Ok(canonical) if !self.holds(&canonical) => {
+                Err(CaptureError::Linked { path: path.into() })
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// The folder, as the user named it.
     pub fn path(&self) -> &Path {
         &self.path
@@ -105,10 +117,15 @@ impl Folder {
             path: path.clone(),
             source,
         })?;
-        if self.allow_outside || canonical.starts_with(&self.canonical) {
+        if self.holds(&canonical) {
             return Ok(path);
         }
         Err(CaptureError::Outside { field, path })
+    }
+
+    /// Whether a file may be read that lies there, links and dots resolved.
+    fn holds(&self, canonical: &Path) -> bool {
+        self.allow_outside || canonical.starts_with(&self.canonical)
     }
 }
 

@@ -105,6 +105,19 @@ pub(super) fn camera(
         problem,
     };
     let i = intrinsics;
+    // First: of such a lens focal lengths and k1 to k4 mean something else.
+    for (field, is_so) in [
+        ("is_fisheye", i.is_fisheye == Some(true)),
+        ("latlong", i.latlong == Some(true)),
+        ("ftheta_p0", i.ftheta_p0.is_some()),
+    ] {
+        if is_so {
+            return Err(fail(
+                field,
+                "says that the lens is no perspective one, which is not supported; undistort the images to a pinhole camera".into(),
+            ));
+        }
+    }
     let focal = match projection {
         Projection::Perspective => focal_lengths(i, [width, height]),
         Projection::Orthographic => magnification(i),

@@ -13,6 +13,15 @@ use crate::{files::read_limited, image_io::ColorEncoding};
 
 /// The camera model without perspective.
 const ORTHOGRAPHIC: &str = "ORTHOGRAPHIC";
+/// Those of perspective whose distortion is OpenCV's `k1 k2 p1 p2`.
+const PERSPECTIVE: [&str; 6] = [
+    "PINHOLE",
+    "SIMPLE_PINHOLE",
+    "OPENCV",
+    "SIMPLE_RADIAL",
+    "RADIAL",
+    "PERSPECTIVE",
+];
 /// Largest `transforms.json` that is read, in bytes.
 pub const MAX_TRANSFORMS: u64 = 1 << 27;
 
@@ -58,6 +67,8 @@ pub struct TransformsFrame {
     pub mask_path: Option<String>,
     /// The scene that it belongs to, where one file lists several (Stanford-ORB's `transforms_novel.json`).
     pub scene_name: Option<String>,
+    /// Kind of this frame's camera: it must project as those of the file do.
+    pub camera_model: Option<String>,
     /// Rows of the camera-to-world matrix, 4 × 4 or 3 × 4.
     #[serde(default)]
     pub transform_matrix: Vec<Vec<f64>>,
@@ -116,6 +127,12 @@ pub struct Intrinsics {
     pub k4: Option<f64>,
     pub p1: Option<f64>,
     pub p2: Option<f64>,
+    /// instant-ngp's word for OpenCV's fisheye lens, which is not supported; nor are the two that follow.
+    pub is_fisheye: Option<bool>,
+    /// Its word for equirectangular pictures.
+    pub latlong: Option<bool>,
+    /// The first coefficient of its f-theta lens.
+    pub ftheta_p0: Option<f64>,
 }
 
 /// Reads and parses the file `path`.
@@ -137,37 +154,59 @@ pub fn parse_transforms(bytes: &[u8], path: &Path) -> Result<Transforms, Capture
             path: path.into(),
             reason: error.to_string(),
         })?;
-    if let Some(model) = &transforms.camera_model {
-        let known = [
-            "PINHOLE",
-            "SIMPLE_PINHOLE",
-            "OPENCV",
-            "SIMPLE_RADIAL",
-            "RADIAL",
-            "PERSPECTIVE",
-            ORTHOGRAPHIC,
-        ];
-        if !known.contains(&model.as_str()) {
-            return Err(CaptureError::CameraModel {
-                path: path.into(),
-                model: model.clone(),
-            });
-        }
+    let own = transforms.camera_model.as_deref();
+    if let Some(model) = own.filter(|model| projection_of(model).is_none()) {
+        return Err(CaptureError::CameraModel {
+            path: path.into(),
+            model: model.to_owned(),
+        });
     }
+    transforms.check_frames()?;
     if transforms.frames.is_empty() {
         return Err(CaptureError::NoFrames { path: path.into() });
     }
     Ok(transforms)
 }
 
+/// How cameras of this `camera_model` project; `None` for those that are not supported.
+fn projection_of(model: &str) -> Option<Projection> {
+    match model {
+        ORTHOGRAPHIC => Some(Projection::Orthographic),
+        model if PERSPECTIVE.contains(&model) => Some(Projection::Perspective),
+        _ => None,
+    }
+}
+
 impl Transforms {
     /// How its cameras project.
     pub fn projection(&self) -> Projection {
-        if self.camera_model.as_deref() == Some(ORTHOGRAPHIC) {
-            Projection::Orthographic
-        } else {
-            Projection::Perspective
+        let own = self.camera_model.as_deref().and_then(projection_of);
+        own.unwrap_or(Projection::Perspective)
+    }
+
+    /// Refuses frames that say another kind of camera than the file.
+    fn check_frames(&self) -> Result<(), CaptureError> {
+        for frame in &self.frames {
+            let Some(model) = &frame.camera_model else {
+                continue;
+            };
+            let problem = match projection_of(model) {
+                Some(projection) if projection == self.projection() => continue,
+                Some(_) => {
+                    "but the file's cameras project in another way; say it once, for the file"
+                }
+                None => {
+                    "which is not supported yet; expected a perspective camera (PINHOLE, OPENCV, SIMPLE_RADIAL or RADIAL): \
+                     undistort the image to one of them"
+                }
+            };
+            return Err(CaptureError::Field {
+                frame: frame.file_path.clone(),
+                field: "camera_model",
+                problem: format!("is {model:?}, {problem}"),
+            });
         }
+        Ok(())
     }
 
     /// The rows of a frame's camera-to-world matrix: its own, or those that all share.
@@ -203,6 +242,9 @@ impl Intrinsics {
             k4: self.k4.or(shared.k4),
             p1: self.p1.or(shared.p1),
             p2: self.p2.or(shared.p2),
+            is_fisheye: self.is_fisheye.or(shared.is_fisheye),
+            latlong: self.latlong.or(shared.latlong),
+            ftheta_p0: self.ftheta_p0.or(shared.ftheta_p0),
         }
     }
 }

@@ -77,8 +77,9 @@ pub(super) struct ReadingArguments {
     /// How all photographs store colours [default: what transforms.json says, else EXR and HDR linear, PNG and JPEG srgb].
     #[arg(long, value_enum, value_name = "ENCODING")]
     pub color: Option<ColorName>,
-    /// Axis of the capture's world that points up: x, y, z, -x, -y or -z [default: z]. Cameras and mesh are turned so that it is z
-    /// in all that is written. COLMAP models need it: what is up in them is arbitrary. inspect tells which axis it probably is.
+    /// Axis of the capture's world that points up: x, y, z, -x, -y, -z, or a direction between them as X,Y,Z [default: z]. Cameras
+    /// and mesh are turned so that it is z in all that is written. COLMAP models need it: what is up in them is arbitrary. inspect
+    /// tells which axis it probably is.
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
     pub up: Option<UpAxis>,
     /// Longest side of photographs, in pixels: larger ones, and their masks, are reduced by means over areas [default: none is].
@@ -110,6 +111,14 @@ impl ReadingArguments {
 }
 
 impl ColorName {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Linear, Self::Srgb];
+
+    /// The one that is typed so.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|color| color.name() == name)
+    }
+
     /// As captures have it.
     pub fn encoding(self) -> ColorEncoding {
         match self {

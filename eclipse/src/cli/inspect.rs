@@ -6,9 +6,12 @@ use clap::Args;
 
 use super::{Failure, Outcome, arguments::ReadingArguments, print, taken, units};
 use crate::{
-    inspect::{self, Inspection, LampsInspection, page},
+    inspect::{self, Inspection, LampsInspection, ObjectInspection, page},
     settings::Settings,
 };
+
+/// Degrees of tilt from which the direction of upward is told: less is the way people hold cameras.
+const LEANING: f32 = 15.0;
 
 const INSPECT_EXAMPLES: &str = "Examples:
   eclipse inspect my-capture
@@ -82,19 +85,7 @@ fn text(inspection: &Inspection) -> String {
             ),
         ),
         ("frames", frames(inspection)),
-        (
-            "object",
-            format!(
-                "{} triangles, {} vertices{}",
-                object.faces,
-                object.vertices,
-                if object.textured {
-                    ", with texture coordinates"
-                } else {
-                    ""
-                }
-            ),
-        ),
+        ("object", self::object(object)),
         (
             "",
             format!(
@@ -186,9 +177,34 @@ fn cameras(inspection: &Inspection) -> String {
             cameras.distance[0], cameras.distance[1]
         ),
     };
+    let upward = match cameras.tilt > LEANING {
+        true => {
+            let [x, y, z] = cameras.upward;
+            format!(" (in the capture's own axes they hold {x:.2},{y:.2},{z:.2} upwards)")
+        }
+        false => String::new(),
+    };
     format!(
-        "{how_far}, {:.0}° to {:.0}° high, widest gap around {:.0}°, tilt {:.0}°",
+        "{how_far}, {:.0}° to {:.0}° high, widest gap around {:.0}°, tilt {:.0}°{upward}",
         cameras.elevation[0], cameras.elevation[1], cameras.widest_gap, cameras.tilt
+    )
+}
+
+fn object(object: &ObjectInspection) -> String {
+    let coordinates = match object.textured {
+        true => ", with texture coordinates",
+        false => "",
+    };
+    let unused = match &*object.unused {
+        [] => String::new(),
+        unused => format!(
+            "; only its shape is used, not the {} of its file",
+            unused.join(" and ")
+        ),
+    };
+    format!(
+        "{} triangles, {} vertices{coordinates}{unused}",
+        object.faces, object.vertices
     )
 }
 

@@ -189,7 +189,7 @@ pub(super) fn run(
         },
         light: dashboard.as_ref().map(|_| light),
         checkpoint: &|checkpoint| {
-            checkpoint::save(&folder, &chosen.kept_in(checkpoint))?;
+            checkpoint::save(&folder, checkpoint)?;
             saved.store(true, Ordering::Relaxed);
             Ok(())
         },

@@ -13,6 +13,7 @@ use super::{Failure, Outcome, print, shown::ProgressArguments, stop_on_interrupt
 use crate::{
     capture::{MAX_PICTURE_SIDE, UpAxis, read_cameras},
     image_io::{EnvironmentOptions, Rows, read_environment},
+    layout,
     progress::PictureDisplay,
     relight::{
         self, Axes, Folder, Lights, Object, Orbit, Quality, Record, RelightError, Stage, View,
@@ -32,7 +33,7 @@ const EXAMPLES: &str = "Examples:
   eclipse relight out/mine --environment sunset.hdr --frames 1 --azimuth 30 --exposure 1 --backdrop
   eclipse relight out/mine --environment out/other/environment.exr --rotate 90 --size 1024x768 --out out/turntable
   eclipse relight out/mine --environment studio.exr --camera my-capture --frames 4   # from where four of its photographs were taken
-  eclipse relight out/colmap --environment studio.exr --camera my-colmap --up -y
+  eclipse relight out/colmap --environment studio.exr --camera my-colmap   # with the --up that reconstruct was told
   eclipse relight out/cup --environments ground_truth --axes camera --camera blender_HDR/cup_scene001/transforms_novel.json \\
     --names-from-cameras --size 512x512 --out out/cup/novel   # Stanford-ORB; see eclipse evaluate --help
 
@@ -67,14 +68,13 @@ pub(super) struct RelightArguments {
     /// of the object.
     #[arg(long, value_name = "orbit|PATH", default_value = "orbit")]
     pub camera: PathBuf,
-    /// Axis of the world of those cameras that points up, as it was told to reconstruct: x, y, z, -x, -y or -z.
-    #[arg(
-        long,
-        value_name = "AXIS",
-        default_value = "z",
-        allow_hyphen_values = true
-    )]
-    pub up: UpAxis,
+    /// Axis of the world of those cameras that points up: x, y, z, -x, -y, -z or a direction as X,Y,Z [default: what reconstruct was
+    /// told, as of the capture's own cameras; z is that of the world in which results are written].
+    #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
+    pub up: Option<UpAxis>,
+    /// Let the cameras' capture name files outside its folder, as reconstruct may have been: for captures that you trust.
+    #[arg(long)]
+    pub allow_outside: bool,
     /// Call the pictures as the cameras' file or capture calls its frames, folders included.
     #[arg(long)]
     pub names_from_cameras: bool,
@@ -127,7 +127,7 @@ pub(super) fn run(arguments: &RelightArguments, out: &mut dyn Write) -> Result<O
         });
     }
     let object = Object::read(&arguments.folder).map_err(Failure::bad_input)?;
-    let views = arguments.views(&object).map_err(Failure::bad_input)?;
+    let views = arguments.views(&object)?;
     let (light, lights) = arguments.light(&views).map_err(Failure::bad_input)?;
     let record = Record {
         object: arguments.folder.clone(),
@@ -191,23 +191,25 @@ impl RelightArguments {
     }
 
     /// What is to be seen, with the names of the pictures.
-    fn views(&self, object: &Object) -> Result<Vec<View>, RelightError> {
+    fn views(&self, object: &Object) -> Result<Vec<View>, Failure> {
         let count = self.frames.map(usize::from);
         // A file whose names nobody needs may have any.
         let named = self.names_from_cameras || self.environments.is_some();
         let frames = match named && !self.is_orbit() {
-            true => Some(evenly(frame_names(&self.camera)?, count)),
+            true => {
+                let names = frame_names(&self.camera, self.allow_outside);
+                Some(evenly(names.map_err(Failure::bad_input)?, count))
+            }
             false => None,
         };
         let cameras = if self.is_orbit() {
             self.orbit(object)
         } else {
-            let cameras = read_cameras(&self.camera, self.size)?;
-            let turned = cameras
-                .into_iter()
-                .map(|(_, camera)| self.up.turned(camera));
-            let cameras = turned.collect();
-            relight::recentred(object, evenly(cameras, count))?
+            let up = self.up()?;
+            let cameras = read_cameras(&self.camera, self.size, self.allow_outside);
+            let cameras = cameras.map_err(Failure::bad_input)?.into_iter();
+            let cameras = cameras.map(|(_, camera)| up.turned(camera)).collect();
+            relight::recentred(object, evenly(cameras, count)).map_err(Failure::bad_input)?
         };
         let view = |(index, camera): (usize, Camera)| {
             let frame = frames.as_ref().and_then(|frames| frames.get(index));
@@ -223,6 +225,24 @@ impl RelightArguments {
             }
         };
         Ok(cameras.into_iter().enumerate().map(view).collect())
+    }
+
+    /// Which axis of the cameras' world points up: as asked, or as the run read its capture.
+    fn up(&self) -> Result<UpAxis, Failure> {
+        if let Some(up) = self.up {
+            return Ok(up);
+        }
+        let reading = relight::reading(&self.folder).map_err(Failure::bad_input)?;
+        let Some(name) = reading.up else {
+            return Ok(UpAxis::default());
+        };
+        name.parse::<UpAxis>().map_err(|expected| {
+            let path = self.folder.join(layout::SETTINGS);
+            Failure::bad_input(format!(
+                "{}: `reading.up` is {name:?}; {expected}: correct it, or give --up",
+                path.display()
+            ))
+        })
     }
 
     /// Cameras on a circle.

@@ -120,8 +120,12 @@ struct Scene {
 /// The capture's photographs, whose alpha says which pixels are the object's: of each frame, where it is there.
 fn coverage(truth: &Path) -> Result<Vec<Option<PathBuf>>, EvaluateError> {
     match capture::photographs(&truth.join("..")) {
-        // A truth may lie anywhere.
-        Err(CaptureError::NoFormat { .. }) => Ok(Vec::new()),
+        // A truth may lie anywhere; and what lies outside of a capture is not looked into.
+        Err(
+            CaptureError::NoFormat { .. }
+            | CaptureError::Outside { .. }
+            | CaptureError::Linked { .. },
+        ) => Ok(Vec::new()),
         found => Ok(found?),
     }
 }

@@ -6,7 +6,10 @@ pub mod limit;
 pub mod page;
 mod warnings;
 
-use std::path::{Path, PathBuf};
+use std::{
+    borrow::Cow,
+    path::{Path, PathBuf},
+};
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -22,6 +25,7 @@ use crate::{
         Capture, CaptureError, Frame, Lamps, LoadOptions, Source, UpAxis, formats::read_points,
         mask_overlap,
     },
+    mesh_io::looks_of,
     reconstruct,
     settings::Settings,
 };
@@ -103,6 +107,8 @@ pub struct ObjectInspection {
     pub vertices: usize,
     /// Whether its vertices have texture coordinates.
     pub textured: bool,
+    /// What its file says of its looks, which nothing is made of: `textures`, `vertex colours`, `materials`.
+    pub unused: Vec<&'static str>,
     /// The middle of its bounding box.
     pub centre: [f32; 3],
     /// The sides of its bounding box.
@@ -123,7 +129,9 @@ pub struct CamerasInspection {
     /// Angle between the photographs' mean upward direction and the world's z.
     pub tilt: f32,
     /// The axis of the capture's own world that is nearest to that direction, as `--up` takes it.
-    pub nearest_up: &'static str,
+    pub nearest_up: Cow<'static, str>,
+    /// That direction itself in the capture's own world, of length 1.
+    pub upward: [f32; 3],
 }
 
 /// Known lamps, one a photograph.
@@ -244,7 +252,7 @@ fn of_capture(
         format: source.format,
         described_by: source.path.clone(),
         left_out: source.left_out,
-        object: object(capture),
+        object: object(capture, source.mesh.as_deref()),
         cameras: cameras(capture, up, &frames),
         lamps: capture.lamps.as_ref().map(|known| lamps(capture, known)),
         silhouettes: silhouettes(&frames),
@@ -289,13 +297,14 @@ fn covered(frame: &Frame) -> usize {
     frame.mask.data.iter().filter(|&&m| m > 0.5).count()
 }
 
-fn object(capture: &Capture) -> ObjectInspection {
+fn object(capture: &Capture, file: Option<&Path>) -> ObjectInspection {
     let mesh = &capture.mesh;
     let [low, high] = mesh.bounds();
     ObjectInspection {
         faces: mesh.faces.len(),
         vertices: mesh.positions.len(),
         textured: !mesh.uvs.is_empty(),
+        unused: file.map_or(Vec::new(), looks_of),
         centre: capture.centre.to_array(),
         size: (high - low).to_array(),
         radius: mesh.bounding_radius(),
@@ -321,7 +330,7 @@ fn cameras(capture: &Capture, turned: UpAxis, frames: &[FrameInspection]) -> Cam
         .map(|frame| frame.camera.world_from_camera.y_axis.truncate())
         .sum();
     // Among the axes of the files, in which `--up` is said.
-    let in_files = turned.turn().transpose() * upward;
+    let in_files = (turned.turn().transpose() * upward).normalize_or(Vec3::Z);
     CamerasInspection {
         distance: range(|frame| frame.distance),
         elevation: range(|frame| frame.elevation),
@@ -331,6 +340,7 @@ fn cameras(capture: &Capture, turned: UpAxis, frames: &[FrameInspection]) -> Cam
             .angle_between(Vec3::Z)
             .to_degrees(),
         nearest_up: UpAxis::nearest(in_files).name(),
+        upward: in_files.to_array(),
     }
 }
 

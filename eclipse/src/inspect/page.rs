@@ -204,6 +204,8 @@ fn numbers(inspection: &Inspection) -> String {
         run,
         ..
     } = inspection;
+    let unused = object.unused.join(", ");
+    let unused = (!unused.is_empty()).then(|| format!("{unused}: not used"));
     let triple = |v: [f32; 3]| v.map(|v| number(v.into())).join(" × ");
     let points = inspection.points.as_ref().map(|points| {
         let (count, inside) = (points.count, points.in_box);
@@ -224,11 +226,13 @@ fn numbers(inspection: &Inspection) -> String {
         "object_size": triple(object.size),
         "object_centre": object.centre.map(|v| number(v.into())).join(", "),
         "object_radius": object.radius,
+        "also_in_the_mesh_file": unused,
         "camera_distance": range(cameras.distance),
         "camera_elevation": range(cameras.elevation),
         "widest_gap_between_cameras": cameras.widest_gap,
         "tilt_of_the_photographs": cameras.tilt,
         "axis_nearest_to_upward": cameras.nearest_up,
+        "upward_of_the_photographs": cameras.upward.map(|v| format!("{v:.2}")).join(","),
         "sparse_points": points,
         "light_unknown_at_best": light,
         "worst_overlap": format!("{:.2} (frame {})", inspection.silhouettes.worst, inspection.silhouettes.worst_frame),

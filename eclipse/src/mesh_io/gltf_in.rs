@@ -107,7 +107,7 @@ pub(super) fn syntax(reason: String) -> MeshParseError {
 }
 
 /// The JSON and the binary chunk of a GLB file; other files are all JSON.
-fn split_glb(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), MeshParseError> {
+pub(super) fn split_glb(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), MeshParseError> {
     let Some(body) = bytes.strip_prefix(b"glTF") else {
         return Ok((bytes, None));
     };

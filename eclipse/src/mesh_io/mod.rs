@@ -7,6 +7,7 @@ mod gltf_accessor;
 mod gltf_in;
 mod gltf_out;
 mod gltf_surface;
+mod looks;
 mod obj;
 mod ply;
 mod ply_header;
@@ -25,6 +26,7 @@ use crate::files::{atomic, read_limited};
 pub use gltf_in::{Load, parse_glb, parse_gltf};
 pub use gltf_out::{GlbSurface, GlbTextures, encode_glb};
 pub use gltf_surface::{MeshSurface, SurfaceMaps, parse_surfaced_glb};
+pub use looks::parse_looks;
 pub use obj::parse_obj;
 pub use ply::{parse_ply, parse_ply_points};
 
@@ -41,12 +43,7 @@ pub const MAX_FACES: usize = 1 << 26;
 /// are dropped. Buffers of a `.gltf` must lie in its folder.
 pub fn read_mesh(path: &Path) -> Result<Mesh, MeshIoError> {
     let bytes = read(path)?;
-    let extension = path
-        .extension()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .to_ascii_lowercase();
-    let mesh = match extension.as_str() {
+    let mesh = match extension(path).as_str() {
         "glb" | "gltf" => parse_gltf(&bytes, &mut |uri, most| read_beside(path, uri, most)),
         "obj" => parse_obj(&bytes),
         "ply" => parse_ply(&bytes),
@@ -67,6 +64,13 @@ pub fn read_point_cloud(path: &Path) -> Result<Option<Vec<Vec3>>, MeshIoError> {
         path: path.into(),
         source,
     })
+}
+
+/// What a mesh file says of the surface's looks, which [`read_mesh`] passes over, in the words of [`parse_looks`]; nothing for a file
+/// that cannot be read, which reading the mesh tells of.
+pub fn looks_of(path: &Path) -> Vec<&'static str> {
+    let extension = extension(path);
+    read(path).map_or(Vec::new(), |bytes| parse_looks(&bytes, &extension))
 }
 
 /// Reads a mesh that [`write_glb`] wrote, together with the material on it.
@@ -90,6 +94,12 @@ pub fn write_glb(path: &Path, mesh: &Mesh, surface: &GlbSurface) -> Result<(), M
         path: path.into(),
         source,
     })
+}
+
+/// By which the format goes, in lower case.
+fn extension(path: &Path) -> String {
+    let own = path.extension().unwrap_or_default();
+    own.to_string_lossy().to_ascii_lowercase()
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, MeshIoError> {

@@ -17,6 +17,7 @@ use crate::{
     layout::{MESH, SETTINGS},
     mesh_io::{MeshSurface, read_surfaced_glb},
     reconstruction::VertexMaterial,
+    settings::Reading,
 };
 
 /// Smallest α that is rendered: narrower lobes are noise, and the fit has none.
@@ -61,8 +62,8 @@ impl Object {
     pub fn read(folder: &Path) -> Result<Self, RelightError> {
         let (mesh, surface) = read_surfaced_glb(&folder.join(MESH))
             .map_err(|source| RelightError::Object { source })?;
-        let lambertian = match lambertian(&folder.join(SETTINGS))? {
-            Some(lambertian) => lambertian,
+        let lambertian = match settings(folder)? {
+            Some(settings) => settings.lambertian,
             // Without a word about it: a surface that mirrors nothing head-on is matt.
             None => most_kappa(&surface) <= 0.0,
         };
@@ -116,25 +117,32 @@ fn blend(materials: [VertexMaterial; 3], weights: [f32; 3]) -> VertexMaterial {
     }
 }
 
-/// Whether the run fitted no lobe, if there are settings that say so.
-fn lambertian(path: &Path) -> Result<Option<bool>, RelightError> {
-    /// The part of `settings.json` that matters here; those of later versions have it too.
-    #[derive(Deserialize)]
-    struct Part {
-        lambertian: bool,
-    }
-    match read_limited(path, MAX_SETTINGS) {
+/// How the run that left `folder` read its capture, as far as its settings say.
+///
+/// # Errors
+/// Settings that cannot be read.
+pub fn reading(folder: &Path) -> Result<Reading, RelightError> {
+    Ok(settings(folder)?.map_or(Reading::default(), |settings| settings.reading))
+}
+
+/// The part of `settings.json` that matters here; those of later versions have it too.
+#[derive(Deserialize)]
+struct Part {
+    /// Whether the run fitted no lobe.
+    lambertian: bool,
+    #[serde(default)]
+    reading: Reading,
+}
+
+/// The settings of a run, if there are some.
+fn settings(folder: &Path) -> Result<Option<Part>, RelightError> {
+    let path = folder.join(SETTINGS);
+    match read_limited(&path, MAX_SETTINGS) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-        Err(source) => Err(RelightError::Read {
-            path: path.into(),
-            source,
-        }),
-        Ok(bytes) => match serde_json::from_slice::<Part>(&bytes) {
-            Ok(part) => Ok(Some(part.lambertian)),
-            Err(source) => Err(RelightError::Settings {
-                path: path.into(),
-                source,
-            }),
+        Err(source) => Err(RelightError::Read { path, source }),
+        Ok(bytes) => match serde_json::from_slice(&bytes) {
+            Ok(part) => Ok(Some(part)),
+            Err(source) => Err(RelightError::Settings { path, source }),
         },
     }
 }

@@ -35,8 +35,8 @@ pub fn number(index: usize) -> String {
 ///
 /// # Errors
 /// A file that cannot be read, [`RelightError::Name`] for a name that leads elsewhere or that two frames have.
-pub fn frame_names(path: &Path) -> Result<Vec<String>, RelightError> {
-    let frames = read_described(path)?.frames;
+pub fn frame_names(path: &Path, allow_outside: bool) -> Result<Vec<String>, RelightError> {
+    let frames = read_described(path, allow_outside)?.frames;
     let mut seen = HashMap::new();
     let mut names = Vec::with_capacity(frames.len());
     for (index, frame) in frames.iter().enumerate() {
@@ -101,7 +101,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("cameras.json");
         std::fs::write(&path, format!(r#"{{"frames":[{frames}]}}"#)).unwrap();
-        frame_names(&path).map_err(|error| error.to_string())
+        frame_names(&path, false).map_err(|error| error.to_string())
     }
 
     #[test]

@@ -7,13 +7,25 @@ use render::image::Image;
 
 use crate::{
     image_io::{ImageIoError, encode_png8, linear_to_srgb},
-    reconstruction::Noise,
+    reconstruction::{Noise, Reconstruction},
 };
 
 /// Colour of blocked light in the overlays, sRGB.
 const BLOCKED: [f32; 3] = [0.93, 0.36, 0.05];
 /// Residuals of this many units (σ, or the scale) are fully red or blue.
 pub(super) const RESIDUAL_RANGE: f32 = 4.0;
+/// Reflectance at normal incidence that is shown white: that of sapphire, twice that of most things.
+const KAPPA_WHITE: f32 = 0.08;
+
+/// The reflectance at normal incidence that is shown white: [`KAPPA_WHITE`], or the object's greatest where that is more, so that none
+/// is cut off; in whole hundredths.
+pub(super) fn kappa_white(solved: &Reconstruction) -> f32 {
+    let vertices = solved.vertex_materials.iter().map(|m| m.kappa);
+    let materials = solved.materials.iter().filter(|m| m.channels == 5);
+    let pixels = materials.flat_map(|m| m.data.iter().skip(4).step_by(5).copied());
+    let most = vertices.chain(pixels).fold(KAPPA_WHITE, f32::max);
+    (100.0 * most.min(1.0)).ceil() / 100.0
+}
 
 /// The PNG of display values (sRGB-encoded, in [0, 1]) as a URI to put into a page.
 pub(crate) fn data_uri(display: &Image) -> Result<String, ImageIoError> {

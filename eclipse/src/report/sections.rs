@@ -22,8 +22,6 @@ const PHOTOGRAPH_WHITE: f64 = 0.99;
 const ENVIRONMENT_WHITE: f64 = 0.95;
 /// The standard deviation of an albedo that is shown as white.
 const ALBEDO_DOUBT: f32 = 0.2;
-/// Reflectance at normal incidence that is shown white: that of sapphire, twice that of most things.
-const KAPPA_WHITE: f32 = 0.08;
 
 /// The reconstruction with what all parts of the page share.
 pub(super) struct Page<'a> {
@@ -33,6 +31,7 @@ pub(super) struct Page<'a> {
     photograph_exposure: f32,
     environment_exposure: f32,
     agreement: Agreement,
+    kappa_white: f32,
     viewer: Option<Viewer>,
 }
 
@@ -69,6 +68,7 @@ impl<'a> Page<'a> {
                 true
             });
         let agreement = agreement(capture, reconstruction);
+        let kappa_white = pictures::kappa_white(reconstruction);
         Self {
             capture,
             reconstruction,
@@ -76,7 +76,8 @@ impl<'a> Page<'a> {
             photograph_exposure,
             environment_exposure,
             agreement,
-            viewer: Viewer::new(capture, reconstruction),
+            kappa_white,
+            viewer: Viewer::new(capture, reconstruction, kappa_white),
         }
     }
 
@@ -190,7 +191,7 @@ impl<'a> Page<'a> {
             displays.push(("albedo", pictures::tonemapped(&materials, 1.0)));
             if !solved.settings.lambertian && materials.channels == 5 {
                 displays.push(("alpha", pictures::grey(&materials, 3, 1.0)));
-                displays.push(("kappa", pictures::grey(&materials, 4, KAPPA_WHITE)));
+                displays.push(("kappa", pictures::grey(&materials, 4, self.kappa_white)));
             }
         }
         let doubt = solved.uncertainty.as_ref();
@@ -223,7 +224,7 @@ impl<'a> Page<'a> {
         } else {
             format!("RMS residuals of {}", number(self.agreement.rms))
         };
-        let range = pictures::RESIDUAL_RANGE;
+        let (range, white) = (pictures::RESIDUAL_RANGE, self.kappa_white);
         let caption = |kind: &str| match kind {
             "photograph" => "Photograph".to_owned(),
             "residual" => format!(
@@ -235,7 +236,7 @@ impl<'a> Page<'a> {
                 format!("Standard deviation of the albedo, white at {ALBEDO_DOUBT}")
             }
             "alpha" => "Roughness α, black 0 to white 1".to_owned(),
-            "kappa" => format!("Reflectance κ head-on, black 0 to white {KAPPA_WHITE}"),
+            "kappa" => format!("Reflectance κ head-on, black 0 to white {white}"),
             _ => "Light its occluder blocks (orange), over the environment".to_owned(),
         };
         let figure = |(kind, source): &(&str, String)| {

@@ -33,10 +33,16 @@ pub(super) struct Viewer {
     faces: usize,
     /// From +x towards +y and above the horizon, in radians: where the first photograph was taken from.
     view: [f32; 2],
+    /// Reflectance κ that is shown white.
+    kappa_white: f32,
 }
 
 impl Viewer {
-    pub(super) fn new(capture: &Capture, solved: &Reconstruction) -> Option<Self> {
+    pub(super) fn new(
+        capture: &Capture,
+        solved: &Reconstruction,
+        kappa_white: f32,
+    ) -> Option<Self> {
         let (mesh, materials) = (&capture.mesh, &solved.vertex_materials);
         if mesh.faces.is_empty() || materials.len() != mesh.positions.len() {
             return None;
@@ -57,6 +63,7 @@ impl Viewer {
             columns: solved.environment.width,
             faces,
             view,
+            kappa_white,
         })
     }
 
@@ -72,10 +79,13 @@ impl Viewer {
             String::new()
         };
         let gloss = if self.coated {
-            "<option value=\"2\">roughness α, black 0 to white 1</option><option value=\"3\">reflectance κ, black 0 to white \
-             1</option>"
+            format!(
+                "<option value=\"2\">roughness α, black 0 to white 1</option><option value=\"3\">reflectance κ, black 0 to white \
+                 {}</option>",
+                self.kappa_white
+            )
         } else {
-            ""
+            String::new()
         };
         let coat = if self.coated {
             "<li>Highlights are lobes that look the same from all sides, gathered beforehand for roughnesses √α of 0.2 to 1 and \
@@ -152,6 +162,7 @@ impl Viewer {
             "extent": extent.to_array(),
             "radius": self.mesh.bounding_radius(),
             "coated": self.coated,
+            "kappaWhite": self.kappa_white,
             "azimuth": self.view[0],
             "elevation": self.view[1],
             "exposure": exposure,

@@ -14,6 +14,7 @@ pub(super) const FORMAT: Format = Format {
 fn read(folder: &Folder) -> Option<Result<Source, CaptureError>> {
     let path = folder.path().join("transforms_train.json");
     path.exists().then(|| {
+        folder.check_own(&path)?;
         let transforms = read_transforms(&path)?;
         Ok(Source {
             left_out: frames_of(folder, ["transforms_val.json", "transforms_test.json"])?,
@@ -25,8 +26,9 @@ fn read(folder: &Folder) -> Option<Result<Source, CaptureError>> {
 /// How many frames these files have, as far as they are there.
 pub(super) fn frames_of(folder: &Folder, splits: [&str; 2]) -> Result<usize, CaptureError> {
     let paths = splits.map(|split| folder.path().join(split)).into_iter();
-    let counts = paths
-        .filter(|path| path.exists())
-        .map(|path| Ok(read_transforms(&path)?.frames.len()));
+    let counts = paths.filter(|path| path.exists()).map(|path| {
+        folder.check_own(&path)?;
+        Ok(read_transforms(&path)?.frames.len())
+    });
     counts.sum()
 }

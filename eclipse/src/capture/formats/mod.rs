@@ -29,6 +29,8 @@ pub struct Source {
     /// Sparse points in the axes of the files, where they are there: COLMAP's `points3D`, or what nerfstudio's `ply_file_path`
     /// names, which may be the mesh as well. See [`read_points`].
     pub points: Option<PathBuf>,
+    /// The file of the object's shape, where one was found: what was asked for, or the capture's own.
+    pub mesh: Option<PathBuf>,
 }
 
 /// One way to describe a capture.
@@ -87,5 +89,6 @@ fn source(path: &Path, transforms: Transforms) -> Source {
         transforms,
         left_out: 0,
         points: None,
+        mesh: None,
     }
 }

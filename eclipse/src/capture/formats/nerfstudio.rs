@@ -18,6 +18,7 @@ pub(super) const FORMAT: Format = Format {
 fn read(folder: &Folder) -> Option<Result<Source, CaptureError>> {
     let path = folder.path().join("transforms.json");
     path.exists().then(|| {
+        folder.check_own(&path)?;
         let transforms = read_transforms(&path)?;
         let all = transforms.frames.len();
         let transforms = training(transforms, &path)?;

@@ -16,6 +16,7 @@ fn read(folder: &Folder) -> Option<Result<Source, CaptureError>> {
     let path = folder.path().join("transforms_train.json");
     let ours = path.exists() && folder.path().join("train_mask").is_dir();
     ours.then(|| {
+        folder.check_own(&path)?;
         let mut transforms = read_transforms(&path)?;
         for frame in &mut transforms.frames {
             let mask = mask_path(&frame.file_path);

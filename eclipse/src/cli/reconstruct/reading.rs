@@ -4,13 +4,14 @@ use crate::{
     capture::{LoadOptions, UpAxis},
     checkpoint::{Array, Checkpoint},
     cli::arguments::{ColorName, ReadingArguments},
+    settings,
 };
 
-/// The names under which a checkpoint keeps it: what it holds otherwise says nothing of files.
+/// What is told of it, in the order of its fields.
 const NAMES: [&str; 3] = ["color", "up", "max_size"];
 
 /// What was said of each; nothing where nothing was.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Reading {
     pub color: Option<ColorName>,
     pub up: Option<UpAxis>,
@@ -29,16 +30,28 @@ impl Reading {
 
     /// As the beginning read.
     pub fn of(begun: &Checkpoint) -> Self {
-        let [color, up, max_size] = NAMES.map(|name| match begun.arrays.get(name) {
-            Some(Array::U64(values)) if values.len() == 1 => Some(values[0]),
-            _ => None,
-        });
-        let colors = [ColorName::Linear, ColorName::Srgb];
-        let color = color.and_then(|kept| colors.into_iter().find(|c| *c as u64 == kept));
-        let up = up.and_then(|kept| UpAxis::ALL.into_iter().find(|axis| *axis as u64 == kept));
-        Self {
+        let settings::Reading {
             color,
             up,
+            max_size,
+        } = &begun.settings.reading;
+        let told = Self {
+            color: color.as_deref().and_then(ColorName::named),
+            up: up.as_deref().and_then(|name| name.parse().ok()),
+            max_size: *max_size,
+        };
+        told.or(Self::of_arrays(begun))
+    }
+
+    /// As a checkpoint kept it before it was one of the settings: by numbers.
+    fn of_arrays(begun: &Checkpoint) -> Self {
+        let [color, up, max_size] = NAMES.map(|name| match begun.arrays.get(name) {
+            Some(Array::U64(values)) if values.len() == 1 => usize::try_from(values[0]).ok(),
+            _ => None,
+        });
+        Self {
+            color: color.and_then(|kept| ColorName::ALL.get(kept).copied()),
+            up: up.and_then(|kept| UpAxis::ALL.get(kept).copied()),
             max_size: max_size.and_then(|kept| u32::try_from(kept).ok()),
         }
     }
@@ -89,19 +102,13 @@ impl Reading {
         }
     }
 
-    /// What a checkpoint keeps of it, by name.
-    pub fn arrays(self) -> Vec<(String, Array)> {
-        let values = [
-            self.color.map(|color| color as u64),
-            self.up.map(|axis| axis as u64),
-            self.max_size.map(u64::from),
-        ];
-        let named = NAMES.into_iter().zip(values);
-        let kept = named.filter_map(|(name, value)| {
-            let array = Array::U64(vec![value?]);
-            Some((name.to_owned(), array))
-        });
-        kept.collect()
+    /// What settings keep of it.
+    pub fn kept(self) -> settings::Reading {
+        settings::Reading {
+            color: self.color(),
+            up: self.up(),
+            max_size: self.max_size,
+        }
     }
 
     fn color(self) -> Option<String> {
@@ -109,7 +116,7 @@ impl Reading {
     }
 
     fn up(self) -> Option<String> {
-        self.up.map(|axis| axis.name().to_owned())
+        self.up.map(|axis| axis.name().into())
     }
 
     fn max_size(self) -> Option<String> {
@@ -124,21 +131,26 @@ mod tests {
     use super::*;
     use crate::settings::Settings;
 
-    fn kept(reading: Reading) -> Reading {
-        Reading::of(&Checkpoint {
-            settings: Settings::default(),
+    fn checkpoint(reading: settings::Reading, arrays: BTreeMap<String, Array>) -> Checkpoint {
+        Checkpoint {
+            settings: Settings {
+                reading,
+                ..Settings::default()
+            },
             capture: 0,
             iteration: 0,
             seconds: 0.0,
-            arrays: reading.arrays().into_iter().collect::<BTreeMap<_, _>>(),
-        })
+            arrays,
+        }
     }
 
     #[test]
-    fn a_checkpoint_keeps_all_that_was_said_and_nothing_else() {
+    fn settings_keep_all_that_was_said_and_nothing_else() {
+        let kept = |reading: Reading| Reading::of(&checkpoint(reading.kept(), BTreeMap::new()));
         assert_eq!(kept(Reading::default()), Reading::default());
+        let oblique = "0.1,-0.9,0.3".parse().unwrap();
         for color in [None, Some(ColorName::Linear), Some(ColorName::Srgb)] {
-            for up in UpAxis::ALL {
+            for up in UpAxis::ALL.into_iter().chain([oblique]) {
                 let reading = Reading {
                     color,
                     up: Some(up),
@@ -147,6 +159,19 @@ mod tests {
                 assert_eq!(kept(reading), reading);
             }
         }
+    }
+
+    #[test]
+    fn checkpoints_of_before_say_it_by_numbers() {
+        let numbers = [("color", 1), ("up", 4), ("max_size", 512)];
+        let arrays = numbers.map(|(name, value)| (name.to_owned(), Array::U64(vec![value])));
+        let begun = checkpoint(settings::Reading::default(), BTreeMap::from(arrays));
+        let expected = Reading {
+            color: Some(ColorName::Srgb),
+            up: Some(UpAxis::NegY),
+            max_size: Some(512),
+        };
+        assert_eq!(Reading::of(&begun), expected);
     }
 
     #[test]

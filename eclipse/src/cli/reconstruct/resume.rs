@@ -1,6 +1,6 @@
 //! What a run goes by: the options as they were typed and, where it goes on, those of its beginning for all others.
 
-use std::{borrow::Cow, ffi::OsString};
+use std::ffi::OsString;
 
 use clap::{CommandFactory, parser::ValueSource};
 
@@ -27,21 +27,20 @@ impl Chosen {
         words: &[OsString],
         begun: Option<&Checkpoint>,
     ) -> Self {
-        let (now, reading) = (arguments.settings(), Reading::typed(&arguments.reading));
-        let Some(begun) = begun else {
-            return Self {
-                settings: now,
-                reading,
-                inherited: Vec::new(),
-            };
+        let (now, typed_reading) = (arguments.settings(), Reading::typed(&arguments.reading));
+        let (mut settings, reading, inherited) = match begun {
+            None => (now, typed_reading, Vec::new()),
+            Some(begun) => {
+                let (settings, mut inherited) = continued(&now, &begun.settings, &typed(words));
+                let kept = Reading::of(begun);
+                inherited.extend(typed_reading.inherited(kept));
+                (settings, typed_reading.or(kept), inherited)
+            }
         };
-        let typed = typed(words);
-        let (settings, mut inherited) = continued(&now, &begun.settings, &typed);
-        let kept = Reading::of(begun);
-        inherited.extend(reading.inherited(kept));
+        settings.reading = reading.kept();
         Self {
             settings,
-            reading: reading.or(kept),
+            reading,
             inherited,
         }
     }
@@ -69,17 +68,6 @@ impl Chosen {
             }
             (checked, _) => checked,
         }
-    }
-
-    /// A checkpoint of the solver, with what it does not know of.
-    pub fn kept_in<'a>(&self, checkpoint: &'a Checkpoint) -> Cow<'a, Checkpoint> {
-        let arrays = self.reading.arrays();
-        if arrays.is_empty() {
-            return Cow::Borrowed(checkpoint);
-        }
-        let mut checkpoint = checkpoint.clone();
-        checkpoint.arrays.extend(arrays);
-        Cow::Owned(checkpoint)
     }
 }
 
@@ -269,6 +257,16 @@ mod tests {
             "--preset paper --from out/first --time-limit 600s --occluder-prior none --mesh my m.obj --seed 3 \
              --memory 1073741824 --hold-out 8 --with vignetting,black_level --lambertian"
         );
+    }
+
+    #[test]
+    fn settings_say_how_files_are_read() {
+        let then = chosen("--up -y --max-size 512", Settings::default()).settings;
+        assert_eq!(then.reading.up.as_deref(), Some("-y"));
+        let reading = then.reading.clone();
+        let kept = chosen("--resume", then);
+        assert_eq!(kept.settings.reading, reading);
+        assert_eq!(kept.inherited.join(" "), "--up -y --max-size 512");
     }
 
     #[test]

@@ -38,7 +38,7 @@ const OBJECT_FRAGMENT = `${COMMON}
 in vec3 position, facing, diffuse;
 in vec2 gloss;
 uniform vec3 eye;
-uniform float coated, layers;
+uniform float coated, layers, kappaWhite;
 uniform int shown;
 uniform sampler2D map, brdf;
 uniform sampler2DArray lobes;
@@ -56,8 +56,8 @@ void main() {
   float r = gloss.x, kappa = gloss.y;
   if (shown == 1) { colour = vec4(display(diffuse), 1.0); return; }
   if (shown == 2) { colour = vec4(vec3(r * r), 1.0); return; }
-  // White at twice what plastics have, as in the page's own pictures.
-  if (shown == 3) { colour = vec4(vec3(kappa / 0.08), 1.0); return; }
+  // White where it is in the page's own pictures.
+  if (shown == 3) { colour = vec4(vec3(kappa / kappaWhite), 1.0); return; }
   if (shown == 4) { colour = vec4(0.5 + 0.5 * n, 1.0); return; }
   float cosine = max(dot(n, o), 1e-3);
   vec3 light = diffuse * textureLod(lobes, vec3(grid(n), layers - 1.0), 0.0).rgb;

@@ -146,6 +146,7 @@ function paint() {
   gl.uniform3fv(solid.at("eye"), eye);
   gl.uniform1f(solid.at("coated"), object.coated ? 1 : 0);
   gl.uniform1f(solid.at("layers"), light.count);
+  gl.uniform1f(solid.at("kappaWhite"), object.kappaWhite);
   gl.uniform1i(solid.at("shown"), view.shown);
   gl.uniform1i(solid.at("lobes"), 1);
   gl.uniform1i(solid.at("brdf"), 2);

@@ -103,7 +103,11 @@ fn read(folder: &Folder) -> Option<Result<Source, CaptureError>> {
 }
 
 fn read_model(folder: &Folder, place: &Path, encoding: Encoding) -> Result<Source, CaptureError> {
-    let [cameras, images] = ["cameras", "images"].map(|name| file(place, name, encoding));
+    let files = ["cameras", "images", "points3D"].map(|name| file(place, name, encoding));
+    for path in &files {
+        folder.check_own(path)?;
+    }
+    let [cameras, images, points] = files;
     let bytes = [&cameras, &images].map(|path| read_file(path));
     let [camera_bytes, image_bytes] = bytes;
     let mut transforms = parse_model(
@@ -114,7 +118,6 @@ fn read_model(folder: &Folder, place: &Path, encoding: Encoding) -> Result<Sourc
     for frame in &mut transforms.frames {
         locate(folder, frame)?;
     }
-    let points = file(place, "points3D", encoding);
     Ok(Source {
         points: points.is_file().then_some(points),
         ..source(&images, transforms)
@@ -255,6 +258,7 @@ fn frame(
     Ok(TransformsFrame {
         scene_name: None,
         lamp: None,
+        camera_model: None,
         file_path: image.name.clone(),
         mask_path: None,
         transform_matrix: vec![row(0), row(1), row(2), vec![0.0, 0.0, 0.0, 1.0]],
