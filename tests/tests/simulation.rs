@@ -4,11 +4,11 @@ use std::{fs, path::Path};
 
 use eclipse::{
     capture::Capture,
-    criticism::{Simulation, study::Study},
+    criticism::{Simulation, diagnosis::Drawn, silhouette::Silhouettes, study::Study},
     image_io::write_exr,
     layout,
 };
-use eclipse_tests::small_capture::small_capture;
+use eclipse_tests::{perfect, small_capture::small_capture};
 use glam::Vec3;
 use render::image::Image;
 
@@ -92,4 +92,29 @@ fn renders_of_other_photographs_are_refused() {
         error.to_string().contains("renders are not of the"),
         "{error}"
     );
+}
+
+/// The outline of an occluder that a diagnosis found is that of a reconstruction, measured against the truth that the capture has.
+#[test]
+fn outlines_of_a_reconstruction_are_told_as_its_own() {
+    let capture = perfect::capture();
+    let mut solved = perfect::reconstruction(&capture);
+    let drawn = Silhouettes::reconstructed(&capture, &solved).unwrap();
+    assert_eq!(drawn.masks, solved.occluders);
+    assert_eq!(drawn.told.by, Drawn::Reconstruction);
+    assert_eq!(drawn.told.blocked.len(), capture.frames.len());
+    assert!(
+        drawn
+            .told
+            .blocked
+            .iter()
+            .all(|share| (0.001..0.3).contains(share))
+    );
+    assert!(drawn.told.score.energy_weighted_error.unwrap() < 1e-3);
+    assert!(drawn.told.score.iou.unwrap() > 0.999);
+    // Nobody is nobody, however it is written.
+    for mask in &mut solved.occluders {
+        mask.data.fill(1.0);
+    }
+    assert!(Silhouettes::reconstructed(&capture, &solved).is_none());
 }

@@ -12,6 +12,7 @@ use super::{
     Failure, Outcome,
     arguments::{ColorName, ReadingArguments},
     print,
+    reconstruct::reading::Reading,
     shown::{self, ProgressArguments},
     stop_on_interrupt, taken, units,
 };
@@ -25,6 +26,7 @@ use crate::{
     joint,
     progress::{ProgressDisplay, Style},
     reconstruction::{Ended, Reconstruction},
+    relight,
     settings::Settings,
 };
 
@@ -109,7 +111,7 @@ pub(super) fn run(arguments: &DiagnoseArguments, out: &mut dyn Write) -> Result<
         out: Some(&folder),
         time_limit: arguments.time_limit,
         effects: &arguments.effects,
-        reading: arguments.reading.options(arguments.mesh.as_deref()),
+        reading: reading(arguments)?,
         seed: arguments.seed,
         threads: arguments
             .threads
@@ -127,6 +129,17 @@ pub(super) fn run(arguments: &DiagnoseArguments, out: &mut dyn Write) -> Result<
     };
     print(out, &text)?;
     Ok(Outcome::Done)
+}
+
+/// How the capture is read: as was typed and, where nothing was, as the reconstruction that is given read it.
+fn reading(arguments: &DiagnoseArguments) -> Result<LoadOptions, Failure> {
+    let options = arguments.reading.options(arguments.mesh.as_deref());
+    let typed = Reading::typed(&arguments.reading);
+    let Some(folder) = &arguments.reconstruction else {
+        return Ok(options);
+    };
+    let kept = relight::reading(folder).map_err(Failure::bad_input)?;
+    Ok(typed.or(Reading::told(&kept)).into_options(options))
 }
 
 /// Diagnoses a capture; `None` when interrupted.
@@ -377,4 +390,35 @@ fn numbers(finding: &Finding) -> String {
         "{}: sealed gain {:.0} ± {:.0}\n{lines}{rest}",
         finding.id, finding.sealed_gain, finding.sealed_gain_se
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+    use crate::cli::arguments::{Arguments, Command};
+
+    #[test]
+    fn a_capture_is_read_as_its_reconstruction_read_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut settings = Settings::default();
+        settings.reading.up = Some("-y".to_owned());
+        settings.reading.max_size = Some(640);
+        let json = serde_json::to_string(&settings).unwrap();
+        std::fs::write(folder.path().join(crate::layout::SETTINGS), json).unwrap();
+        let options = |typed: &[&str]| {
+            let words = [["eclipse", "diagnose", "capture"].as_slice(), typed].concat();
+            match Arguments::try_parse_from(words).unwrap().command {
+                Command::Diagnose(arguments) => reading(&arguments).ok().unwrap(),
+                _ => unreachable!("the subcommand was given"),
+            }
+        };
+        let with = ["--reconstruction", folder.path().to_str().unwrap()];
+        let read = options(&with);
+        assert_eq!((read.up, read.max_size), (UpAxis::NegY, Some(640)));
+        let read = options(&[with.as_slice(), &["--up", "x"]].concat());
+        assert_eq!((read.up, read.max_size), (UpAxis::X, Some(640)));
+        assert_eq!(options(&[]).up, UpAxis::default());
+    }
 }

@@ -1,7 +1,7 @@
 //! `eclipse reconstruct`.
 
 mod limit;
-mod reading;
+pub(super) mod reading;
 mod resume;
 
 use std::{

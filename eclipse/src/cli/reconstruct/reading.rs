@@ -12,7 +12,7 @@ const NAMES: [&str; 3] = ["color", "up", "max_size"];
 
 /// What was said of each; nothing where nothing was.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Reading {
+pub(in crate::cli) struct Reading {
     pub color: Option<ColorName>,
     pub up: Option<UpAxis>,
     pub max_size: Option<u32>,
@@ -30,17 +30,16 @@ impl Reading {
 
     /// As the beginning read.
     pub fn of(begun: &Checkpoint) -> Self {
-        let settings::Reading {
-            color,
-            up,
-            max_size,
-        } = &begun.settings.reading;
-        let told = Self {
-            color: color.as_deref().and_then(ColorName::named),
-            up: up.as_deref().and_then(|name| name.parse().ok()),
-            max_size: *max_size,
-        };
-        told.or(Self::of_arrays(begun))
+        Self::told(&begun.settings.reading).or(Self::of_arrays(begun))
+    }
+
+    /// As the settings of a run tell it; of what cannot be understood, nothing.
+    pub fn told(kept: &settings::Reading) -> Self {
+        Self {
+            color: kept.color.as_deref().and_then(ColorName::named),
+            up: kept.up.as_deref().and_then(|name| name.parse().ok()),
+            max_size: kept.max_size,
+        }
     }
 
     /// As a checkpoint kept it before it was one of the settings: by numbers.
