@@ -59,6 +59,7 @@ impl Cosines<f32> {
 }
 
 /// The factor of ρ/π and the specular reflectance (1/sr) of the GGX model: f = ρ/π · factor + specular.
+#[inline(always)]
 pub fn microfacet<T: Float>(cosines: Cosines<T>, alpha: T, kappa: T) -> (T, T) {
     let Cosines {
         incident,
@@ -81,6 +82,7 @@ pub fn microfacet<T: Float>(cosines: Cosines<T>, alpha: T, kappa: T) -> (T, T) {
 }
 
 /// Schlick's Fresnel factor (S2).
+#[inline(always)]
 pub fn fresnel<T: Float>(cos: T, kappa: T) -> T {
     let x = (T::ONE - cos).max(T::ZERO);
     let x2 = x * x;

@@ -16,6 +16,7 @@ pub mod fit;
 pub mod formation;
 pub mod frame_numbers;
 pub mod given;
+pub mod glossy;
 pub mod gram;
 pub mod horizon;
 pub mod lamps;

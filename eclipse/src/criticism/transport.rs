@@ -14,7 +14,11 @@ use glam::Vec3;
 use rayon::prelude::*;
 use render::bsdf::{Cosines, microfacet};
 
-use super::{horizon::Horizon, observe::Observations};
+use super::{
+    glossy::{Arriving, Reflected},
+    horizon::Horizon,
+    observe::Observations,
+};
 pub use crate::reconstruct::shading::Lobe;
 use crate::reconstruct::shading::just_seen;
 
@@ -44,14 +48,19 @@ impl Transport {
         let rows: Vec<(Vec<u16>, Vec<[f32; 2]>)> = seen
             .views
             .par_iter()
-            .map(|view| {
-                let normal = seen.sites[view.site as usize].point.normal;
-                let outgoing = seen.outgoing(view);
-                let entry = |(source, weight, incident): (usize, f32, Vec3)| {
-                    let (diffuse, specular) = reflect(lobe, normal, incident, outgoing);
-                    (source as u16, [weight * diffuse, weight * specular])
-                };
-                horizon.row(seen, view).map(entry).unzip()
+            .map_init(<(Arriving, Reflected)>::default, |(light, by), view| {
+                light.replace(horizon.row(seen, view));
+                light.see(
+                    seen.sites[view.site as usize].point.normal,
+                    seen.outgoing(view),
+                );
+                light.reflect(lobe, by);
+                let both = by.diffuse.iter().zip(&by.specular);
+                let weights = light.weight.iter().zip(both);
+                (
+                    light.source.iter().map(|&source| source as u16).collect(),
+                    weights.map(|(w, (d, s))| [w * d, w * s]).collect(),
+                )
             })
             .collect();
         let mut transport = Self {
@@ -208,28 +217,18 @@ impl LinearMap for Transport {
     }
 }
 
-/// Reflectance (1/sr) of an albedo of one, and of the lobe.
+/// Reflectance (1/sr) of an albedo of one, and of the lobe; [`Arriving`] is for many directions.
 pub fn reflect(lobe: Option<Lobe>, normal: Vec3, incident: Vec3, outgoing: Vec3) -> (f32, f32) {
-    match lobe {
-        Some(lobe) => reflect_by([lobe], normal, incident, outgoing)[0],
-        None => (FRAC_1_PI, 0.0),
-    }
-}
-
-/// The same of several lobes.
-pub fn reflect_by<const N: usize>(
-    lobes: [Lobe; N],
-    normal: Vec3,
-    incident: Vec3,
-    outgoing: Vec3,
-) -> [(f32, f32); N] {
+    let Some(lobe) = lobe else {
+        return (FRAC_1_PI, 0.0);
+    };
     // A tent of light reaches above the horizon from a centre below it.
     let incident = just_seen(normal, incident);
     match Cosines::new(normal, incident, just_seen(normal, outgoing)) {
-        Some(cosines) => lobes.map(|lobe| {
+        Some(cosines) => {
             let (factor, specular) = microfacet(cosines, lobe.alpha, lobe.kappa);
             (FRAC_1_PI * factor, specular)
-        }),
-        None => [(0.0, 0.0); N],
+        }
+        None => (0.0, 0.0),
     }
 }

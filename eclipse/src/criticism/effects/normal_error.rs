@@ -5,7 +5,12 @@ use rayon::prelude::*;
 use render::math::Frame;
 
 use super::{Effect, Stage, Term};
-use crate::criticism::{formation::Bumps, light::Light, scene::Scene, transport::reflect};
+use crate::criticism::{
+    formation::Bumps,
+    glossy::{Arriving, Reflected},
+    light::Light,
+    scene::Scene,
+};
 
 /// δn(x), tangent to the surface, smooth over parts of it.
 pub struct NormalError;
@@ -34,33 +39,31 @@ impl Effect for NormalError {
         const STEP: f32 = 0.03;
         let slopes: Vec<[[f32; 3]; 2]> = (0..scene.seen.views.len())
             .into_par_iter()
-            .map(|v| {
+            .map_init(<(Arriving, [Reflected; 2])>::default, |(light, by), v| {
                 let site = scene.seen.views[v].site as usize;
                 let normal = scene.seen.sites[site].point.normal;
                 let axes = Frame::new(normal);
                 let outgoing = scene.outgoing(v);
                 let albedo = scene.albedo_of(v);
-                let row: Vec<(usize, f32, Vec3)> = scene
-                    .horizon
-                    .row(scene.seen, &scene.seen.views[v])
-                    .collect();
+                light.replace(scene.horizon.row(scene.seen, &scene.seen.views[v]));
                 [axes.tangent, axes.bitangent].map(|along: Vec3| {
-                    let (plus, minus) = (
-                        (normal + STEP * along).normalize(),
-                        (normal - STEP * along).normalize(),
-                    );
+                    let tilted = [STEP, -STEP].map(|step| (normal + step * along).normalize());
+                    for (normal, by) in tilted.into_iter().zip(by.iter_mut()) {
+                        light.see(normal, outgoing);
+                        light.reflect(scene.lobe, by);
+                    }
                     let mut sum = [0.0; 3];
-                    for &(texel, weight, incident) in &row {
+                    for (k, (&source, weight)) in light.source.iter().zip(&light.weight).enumerate()
+                    {
+                        let incident = light.direction(k);
                         let cosine = normal.dot(incident).max(0.02);
-                        let of = |n: Vec3| {
-                            let (d, s) = reflect(scene.lobe, n, incident, outgoing);
-                            let share = n.dot(incident).max(0.0) / cosine;
-                            (share * d, share * s)
-                        };
-                        let ((d1, s1), (d0, s0)) = (of(plus), of(minus));
+                        let [(d1, s1), (d0, s0)] = [0, 1].map(|side: usize| {
+                            let share = tilted[side].dot(incident).max(0.0) / cosine;
+                            (share * by[side].diffuse[k], share * by[side].specular[k])
+                        });
                         for c in 0..3 {
                             sum[c] += weight
-                                * scene.radiance[3 * texel + c]
+                                * scene.radiance[3 * source as usize + c]
                                 * (albedo[c] * (d1 - d0) + (s1 - s0))
                                 / (2.0 * STEP);
                         }

@@ -122,9 +122,9 @@ pub fn gradient(image: &Image, [x, y]: [f32; 2]) -> ([f32; 3], [f32; 3]) {
 pub struct CameraGrid;
 
 /// Borders of the cells in azimuth from the camera, degrees.
-const AZIMUTHS: [f32; 8] = [-90.0, -45.0, -24.0, -8.0, 8.0, 24.0, 45.0, 90.0];
-/// Their tangents, those of ±90° apart.
-const TANGENTS: [f32; 6] = [
+const AZIMUTHS: [f32; 6] = [-45.0, -24.0, -8.0, 8.0, 24.0, 45.0];
+/// Their tangents.
+const TANGENTS: [f32; AZIMUTHS.len()] = [
     -1.0,
     -0.445_228_7,
     -0.140_540_83,
@@ -149,11 +149,8 @@ impl CameraGrid {
         }
         let across = -direction.x * sin + direction.y * cos;
         let column = TANGENTS.iter().rposition(|&t| across >= t * along)?;
-        if column == COLUMNS {
-            return None;
-        }
         let row = HEIGHTS.iter().rposition(|&h| direction.z >= h).unwrap_or(0);
-        Some(row * COLUMNS + column)
+        (column < COLUMNS).then_some(row * COLUMNS + column)
     }
 
     /// What a cell is, for people.
@@ -178,8 +175,7 @@ impl CameraGrid {
         let side = match column {
             0 | 1 => 0,
             2 => 1,
-            3 | 4 => 2,
-            _ => return None,
+            _ => 2,
         };
         match row {
             1 | 2 => Some(side),

@@ -3,7 +3,10 @@
 use rayon::prelude::*;
 
 use super::{Fit, FitError, Study};
-use crate::criticism::transport::{Lobe, reflect_by};
+use crate::criticism::{
+    glossy::{Arriving, Reflected},
+    transport::Lobe,
+};
 
 /// What is expected of the lobe: α = 0.45 within a factor, κ = 0.04.
 const LOBE_PRIOR: [(f32, f32); 2] = [(-0.8, 0.6), (0.04, 0.03)];
@@ -48,27 +51,36 @@ impl Fit {
     fn under_lobes(&self, study: &Study<'_>, lobes: [Lobe; 4]) -> [Vec<f32>; 4] {
         let seen = &study.seen;
         let passing = self.passing(study);
-        let of_view = |v: usize| {
+        let of_view = |(light, by): &mut (Arriving, [Reflected; 4]), v: usize| {
             let view = &seen.views[v];
             let site = view.site as usize;
-            let normal = seen.sites[site].point.normal;
-            let outgoing = seen.outgoing(view);
             let albedo = &self.mean.albedo[3 * site..][..3];
+            light.replace(self.horizon.row(seen, view));
+            light.see(seen.sites[site].point.normal, seen.outgoing(view));
+            if let Some(pass) = &passing {
+                let weights = light.weight.iter_mut().zip(&light.source);
+                weights.for_each(|(weight, &source)| *weight *= pass(v, source as usize));
+            }
+            for (lobe, by) in lobes.into_iter().zip(by.iter_mut()) {
+                light.reflect(Some(lobe), by);
+            }
             let mut sums = [[0.0f32; 3]; 4];
-            for (source, weight, incident) in self.horizon.row(seen, view) {
-                let share = passing.as_ref().map_or(1.0, |pass| pass(v, source));
-                let light = &self.radiance[3 * source..][..3];
-                let reflected = reflect_by(lobes, normal, incident, outgoing);
-                for (sum, (d, s)) in sums.iter_mut().zip(reflected) {
+            for (sum, by) in sums.iter_mut().zip(by) {
+                let sources = light.source.iter().zip(&light.weight);
+                let both = by.diffuse.iter().zip(&by.specular);
+                for ((&source, weight), (d, s)) in sources.zip(both) {
+                    let radiance = &self.radiance[3 * source as usize..][..3];
                     for c in 0..3 {
-                        sum[c] += share * weight * (albedo[c] * d + s) * light[c];
+                        sum[c] += weight * (albedo[c] * d + s) * radiance[c];
                     }
                 }
             }
             sums
         };
-        let views: Vec<[[f32; 3]; 4]> =
-            (0..seen.views.len()).into_par_iter().map(of_view).collect();
+        let views: Vec<[[f32; 3]; 4]> = (0..seen.views.len())
+            .into_par_iter()
+            .map_init(Default::default, of_view)
+            .collect();
         [0, 1, 2, 3].map(|lobe| {
             let mut values: Vec<f32> = views.iter().flat_map(|sums| sums[lobe]).collect();
             values.resize(3 * seen.len(), 0.0);
