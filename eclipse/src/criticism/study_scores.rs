@@ -37,6 +37,9 @@ pub struct Case {
     /// That gain over the gain of a refit that was told the truth, both on sealed patches; absent where the latter is not
     /// three standard errors.
     pub gain_over_oracle: Option<f64>,
+    /// Whether a refit that was told the truth gains three standard errors on sealed patches: with less, the recording does not hold
+    /// the effect beyond what light and texture imitate. Absent where nothing known is true.
+    pub above_limit: Option<bool>,
     /// χ² a sealed value before and after.
     pub sealed_chi2: [f64; 2],
     /// The sentence.
@@ -60,9 +63,8 @@ impl Case {
             first: physics.map_or(String::new(), |r| r.id.to_owned()),
             first_gain: physics.map_or([0.0; 2], |r| [r.gain, r.gain_se]),
             sealed_gain: d.effects.iter().map(|e| e.sealed_gain).sum(),
-            gain_over_oracle: measure
-                .filter(|m| m.told > 3.0 * m.error)
-                .map(|m| m.diagnosed / m.told),
+            gain_over_oracle: measure.filter(above_limit).map(|m| m.diagnosed / m.told),
+            above_limit: measure.as_ref().map(above_limit),
             sealed_chi2: [d.sealed.chi2_before, d.sealed.chi2_after],
             sentence: d.sentence.clone(),
             seconds: d.seconds.get("all").copied().unwrap_or(0.0),
@@ -98,6 +100,10 @@ impl Case {
     }
 }
 
+fn above_limit(measure: &Yardstick) -> bool {
+    measure.told > 3.0 * measure.error
+}
+
 /// Scores of all captures.
 #[derive(Clone, Debug, Serialize)]
 pub struct Scores {
@@ -105,6 +111,10 @@ pub struct Scores {
     pub top1: Option<f64>,
     /// Share of single effects within the ambiguity set.
     pub in_set: Option<f64>,
+    /// As `top1`, of single effects above the detection limit.
+    pub top1_above_limit: Option<f64>,
+    /// As `in_set`, of single effects above the detection limit.
+    pub in_set_above_limit: Option<f64>,
     /// Share of nulls in which something was found.
     pub false_alarm_rate: Option<f64>,
     /// Share of compounds of which both effects were found.
@@ -129,6 +139,7 @@ impl Scores {
         };
         let outside = |c: &Case| c.truth.iter().any(|t| t == OUTSIDE);
         let single = |c: &&Case| c.truth.len() == 1 && !outside(c);
+        let above = |c: &&Case| single(c) && c.above_limit == Some(true);
         let mut confusion: BTreeMap<String, BTreeMap<String, usize>> = BTreeMap::new();
         for case in &captures {
             let truth = if case.truth.is_empty() {
@@ -150,6 +161,8 @@ impl Scores {
         Self {
             top1: share(&single, &Case::top1),
             in_set: share(&single, &Case::in_set),
+            top1_above_limit: share(&above, &Case::top1),
+            in_set_above_limit: share(&above, &Case::in_set),
             false_alarm_rate: share(&|c| c.truth.is_empty(), &|c| !c.found.is_empty()),
             compound_both: share(&|c| c.truth.len() > 1, &|c| {
                 c.truth.iter().all(|t| c.found.contains(t))
@@ -168,6 +181,8 @@ impl Scores {
         for (name, value) in [
             ("true effect first, single effects", self.top1),
             ("truth within the ambiguity set", self.in_set),
+            ("first, of those above the limit", self.top1_above_limit),
+            ("in the set, of those", self.in_set_above_limit),
             ("false alarms on nulls", self.false_alarm_rate),
             ("both effects of compounds", self.compound_both),
             ("abstains outside the table", self.abstains_outside),
@@ -187,4 +202,60 @@ impl Scores {
 fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
     let values: Vec<f64> = values.collect();
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn case(truth: &[&str], found: &[&str], rivals: &[&str], above_limit: Option<bool>) -> Case {
+        let owned = |names: &[&str]| names.iter().map(|s| (*s).to_owned()).collect::<Vec<_>>();
+        Case {
+            capture: "some".to_owned(),
+            truth: owned(truth),
+            verdict: Verdict::Explained,
+            found: owned(found),
+            ambiguous_with: owned(rivals),
+            first: String::new(),
+            first_gain: [0.0; 2],
+            sealed_gain: 0.0,
+            gain_over_oracle: None,
+            above_limit,
+            sealed_chi2: [1.0; 2],
+            sentence: String::new(),
+            seconds: 0.0,
+        }
+    }
+
+    #[test]
+    fn shares_are_of_the_captures_they_are_about() {
+        let scores = Scores::new(vec![
+            case(&["pose_error"], &["pose_error"], &[], Some(true)),
+            case(&["emission"], &[], &[], Some(false)),
+            case(&["vignetting"], &["medium"], &["vignetting"], Some(true)),
+            case(&[], &[], &[], None),
+            case(&[], &["medium"], &[], None),
+            case(
+                &["moving_occluder", "exposure_drift"],
+                &["moving_occluder", "exposure_drift"],
+                &[],
+                Some(true),
+            ),
+            case(
+                &["moving_occluder", "response_curve"],
+                &["moving_occluder"],
+                &[],
+                Some(true),
+            ),
+            case(&[OUTSIDE], &["medium"], &[], None),
+        ]);
+        let close = |share: Option<f64>, of: f64| (share.unwrap() - of).abs() < 1e-12;
+        assert!(close(scores.top1, 1.0 / 3.0) && close(scores.in_set, 2.0 / 3.0));
+        assert!(close(scores.top1_above_limit, 0.5) && close(scores.in_set_above_limit, 1.0));
+        assert!(close(scores.false_alarm_rate, 0.5) && close(scores.compound_both, 0.5));
+        assert!(close(scores.abstains_outside, 0.0));
+        assert_eq!(scores.gain_over_oracle, None);
+        assert_eq!(scores.confusion["emission"]["nothing"], 1);
+        assert_eq!(scores.confusion["nothing"]["medium"], 1);
+    }
 }
