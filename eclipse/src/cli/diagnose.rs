@@ -47,6 +47,8 @@ const RECONSTRUCTION: f64 = 0.4;
 const STEPS: u64 = 6;
 /// Seconds that a reconstruction takes for an occluder's outline: with fewer left there is none, and more are not taken.
 const OUTLINE: (f64, f64) = (40.0, 120.0);
+/// The share of the time limit that it may take beyond that.
+const OUTLINE_SHARE: f64 = 0.125;
 
 #[derive(Args, Debug)]
 #[command(after_help = EXAMPLES)]
@@ -59,7 +61,7 @@ pub(super) struct DiagnoseArguments {
     /// Folder for the results [default: out/<name of the capture>-diagnosis].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Time after which no further effect is looked for, the reconstruction included.
+    /// Time after which no further effect is looked for, the reconstruction included; an occluder's outline may take an eighth more.
     #[arg(long, value_name = "TIME", value_parser = units::duration, default_value = "8m")]
     pub time_limit: f64,
     /// Effects to try, separated by commas [default: all].
@@ -208,7 +210,8 @@ pub(super) fn diagnose(
         outcome.diagnosis.command = reconstruction_with(job, &outcome.diagnosis);
     }
     let before = began.elapsed().as_secs_f64();
-    let left = (job.time_limit - before).min(OUTLINE.1);
+    let left = (job.time_limit - before).max(OUTLINE_SHARE * job.time_limit);
+    let left = left.min(OUTLINE.1);
     let somebody = outcome
         .diagnosis
         .effects
