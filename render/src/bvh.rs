@@ -4,6 +4,7 @@
 //! state: any thread may cast any ray.
 
 mod packet;
+mod sight;
 
 use std::time::Duration;
 
@@ -21,6 +22,7 @@ use crate::mesh::{Mesh, MeshError};
 
 use packet::PacketTree;
 pub use packet::Rays;
+pub use sight::Sight;
 
 /// The object's triangles in a bounding volume hierarchy.
 pub struct Bvh {

@@ -8,7 +8,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::bvh::{Bvh, Rays, SurfacePoint, offset_origin};
+use crate::bvh::{Bvh, Sight, SurfacePoint, offset_origin};
 use crate::camera::Camera;
 use crate::lat_long::{Bilinear, LatLong};
 use crate::occluder::mask_lookup;
@@ -40,8 +40,8 @@ pub struct Quadrature {
     directions: Vec<Vec3>,
     /// Between which texels' centres each ray lies, `[texel][ray]`.
     tents: Vec<Bilinear>,
-    /// `[axis][texel]`.
-    centres: [Vec<f32>; 3],
+    /// `[texel]`.
+    centres: Vec<Vec3>,
     /// `[row][ray]`, steradians.
     solid_angles: Vec<f32>,
 }
@@ -77,10 +77,9 @@ impl Quadrature {
                 }
             }
         }
-        let centres = [0, 1, 2].map(|axis| {
-            let centre = |t| grid.texel_direction(t / grid.columns, t % grid.columns);
-            (0..grid.len()).map(|t| centre(t)[axis]).collect()
-        });
+        let centres = (0..grid.len())
+            .map(|t| grid.texel_direction(t / grid.columns, t % grid.columns))
+            .collect();
         Self {
             grid,
             side,
@@ -163,17 +162,11 @@ impl Quadrature {
         let origin = offset_origin(point);
         let above = |d: Vec3| point.normal.dot(d) > 0.0 && point.geometric_normal.dot(d) > 0.0;
         let rays = self.rays();
-        let [x, y, z] = &self.centres;
-        let centre = |t: usize| Vec3::new(x[t], y[t], z[t]);
-        let mut open: Vec<bool> = (0..self.grid.len()).map(|t| above(centre(t))).collect();
-        let rays_of_centres = Rays {
-            direction: [x, y, z],
-            open: &mut open,
-        };
-        bvh.close_blocked(origin, rays_of_centres);
+        let mut sight = Sight::default();
+        let open = sight.look(bvh, point, self.centres.iter().copied());
         for (texel, directions) in self.directions.chunks_exact(rays).enumerate() {
             let solid_angles = &self.solid_angles[texel / self.grid.columns * rays..][..rays];
-            let agreed = self.agreed(&open, texel);
+            let agreed = self.agreed(open, texel);
             if agreed == Some(false) {
                 continue;
             }

@@ -8,7 +8,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::bvh::{Bvh, Rays, SurfacePoint, offset_origin};
+use crate::bvh::{Bvh, Sight, SurfacePoint};
 use crate::lat_long::LatLong;
 use crate::sampler::SampleKey;
 
@@ -57,21 +57,12 @@ impl VisibilityCache {
                     ..SampleKey::default()
                 }
                 .stream();
-                let mut open = vec![false; fine.len()];
-                let mut along = [0, 1, 2].map(|_| vec![0.0; fine.len()]);
-                for (part, open) in open.iter_mut().enumerate() {
+                let mut sight = Sight::default();
+                let directions = (0..fine.len()).map(|part| {
                     let place = stream.uniform_2d();
-                    let direction =
-                        fine.direction_within(part / fine.columns, part % fine.columns, place);
-                    *open = point.normal.dot(direction) > 0.0
-                        && point.geometric_normal.dot(direction) > 0.0;
-                    (0..3).for_each(|axis| along[axis][part] = direction[axis]);
-                }
-                let rays = Rays {
-                    direction: [0, 1, 2].map(|axis| along[axis].as_slice()),
-                    open: &mut open,
-                };
-                bvh.close_blocked(offset_origin(point), rays);
+                    fine.direction_within(part / fine.columns, part % fine.columns, place)
+                });
+                let open = sight.look(bvh, point, directions);
                 for (part, open) in open.iter().enumerate() {
                     bits[part / 64] |= u64::from(*open) << (part % 64);
                 }

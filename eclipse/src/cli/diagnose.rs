@@ -212,12 +212,7 @@ pub(super) fn diagnose(
     let before = began.elapsed().as_secs_f64();
     let left = (job.time_limit - before).max(OUTLINE_SHARE * job.time_limit);
     let left = left.min(OUTLINE.1);
-    let somebody = outcome
-        .diagnosis
-        .effects
-        .iter()
-        .any(|f| f.id == joint::OCCLUDER);
-    if somebody && left > OUTLINE.0 {
+    if somebody_found(&outcome.diagnosis) && left > OUTLINE.0 {
         report("reconstructing with what was found, for the occluder's outline");
         let settings = Settings {
             time_limit: Some(left),
@@ -293,7 +288,7 @@ fn refused(error: DiagnoseError) -> Failure {
 /// light; `None` where a reconstruction can do nothing about it.
 fn reconstruction_with(job: &Job<'_>, d: &Diagnosis) -> Option<String> {
     let with = of_the_camera(d);
-    let somebody = d.effects.iter().any(|f| f.id == joint::OCCLUDER);
+    let somebody = somebody_found(d);
     if with.is_empty() && !somebody {
         return None;
     }
@@ -332,6 +327,11 @@ fn of_the_camera(d: &Diagnosis) -> Vec<String> {
         .filter(|id| effects::by_id(id).is_some_and(|e| e.is_of_the_camera()))
         .map(str::to_owned)
         .collect()
+}
+
+/// Whether somebody was found in the light.
+fn somebody_found(d: &Diagnosis) -> bool {
+    d.effects.iter().any(|f| f.id == joint::OCCLUDER)
 }
 
 fn summary(d: &Diagnosis, folder: &Path) -> String {

@@ -50,9 +50,8 @@ impl Silhouettes {
         }
         let frames = 0..study.seen.frames;
         let masks: Vec<Image> = frames.map(|t| drawn(grid, &parts, t)).collect();
-        let blocked = masks.iter().map(|mask| blocked(grid, mask, &fit.radiance));
-        let blocked = blocked.collect();
-        Some(Self::told(study.capture, masks, blocked, Drawn::Diagnosis))
+        let light = (grid, fit.radiance.as_slice());
+        Some(Self::told(study.capture, masks, light, Drawn::Diagnosis))
     }
 
     /// Of a reconstruction of `capture`: it draws finer than a diagnosis does. `None` where nothing is blocked in it.
@@ -60,16 +59,21 @@ impl Silhouettes {
         Given::new(&solved.occluders)?;
         let light = &solved.environment;
         let grid = LatLong::new(light.height, light.width);
-        let masks = solved.occluders.clone();
-        let blocked = masks.iter().map(|mask| blocked(grid, mask, &light.data));
-        let blocked = blocked.collect();
-        Some(Self::told(capture, masks, blocked, Drawn::Reconstruction))
+        let (masks, light) = (solved.occluders.clone(), (grid, light.data.as_slice()));
+        Some(Self::told(capture, masks, light, Drawn::Reconstruction))
     }
 
-    fn told(capture: &Capture, masks: Vec<Image>, blocked: Vec<f64>, by: Drawn) -> Self {
+    /// Of masks on the grid of the light, `[texel][colour]`, that they block.
+    fn told(
+        capture: &Capture,
+        masks: Vec<Image>,
+        (grid, radiance): (LatLong, &[f32]),
+        by: Drawn,
+    ) -> Self {
+        let blocked = masks.iter().map(|mask| blocked(grid, mask, radiance));
         let mut told = Occluders {
             by,
-            blocked,
+            blocked: blocked.collect(),
             score: OccluderScore::default(),
             problem: None,
         };

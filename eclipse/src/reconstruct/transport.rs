@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 use render::{
-    bvh::{Bvh, Rays, offset_origin},
+    bvh::{Bvh, Sight},
     transport::Quadrature,
 };
 
@@ -19,21 +19,12 @@ pub fn rows(bvh: &Bvh, quadrature: &Quadrature, patches: &[Patch]) -> Vec<f32> {
         .for_each(|(row, patch)| {
             let share =
                 quadrature.rays() as f32 / (patch.members.len() as f32 * std::f32::consts::PI);
-            let mut open = vec![false; grid.len()];
-            let mut along = [0, 1, 2].map(|_| vec![0.0; grid.len()]);
+            let mut sight = Sight::default();
             for (m, member) in patch.members.iter().enumerate() {
                 let ray = |texel: usize| (m + texel) % quadrature.rays();
-                for (texel, open) in open.iter_mut().enumerate() {
-                    let direction = quadrature.direction(texel, ray(texel));
-                    *open = member.normal.dot(direction) > 0.0
-                        && member.geometric_normal.dot(direction) > 0.0;
-                    (0..3).for_each(|axis| along[axis][texel] = direction[axis]);
-                }
-                let rays = Rays {
-                    direction: [0, 1, 2].map(|axis| along[axis].as_slice()),
-                    open: &mut open,
-                };
-                bvh.close_blocked(offset_origin(member), rays);
+                let directions =
+                    (0..grid.len()).map(|texel| quadrature.direction(texel, ray(texel)));
+                let open = sight.look(bvh, member, directions);
                 for texel in (0..grid.len()).filter(|&texel| open[texel]) {
                     let ray = ray(texel);
                     let cosine = member.normal.dot(quadrature.direction(texel, ray));

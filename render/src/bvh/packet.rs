@@ -225,6 +225,25 @@ mod tests {
     use crate::mesh::Mesh;
     use crate::sampler::SampleKey;
 
+    /// Which of the rays that are asked for stay open.
+    fn open_of(
+        bvh: &Bvh,
+        origin: Vec3,
+        directions: &[Vec3],
+        asked: impl Fn(usize) -> bool,
+    ) -> Vec<bool> {
+        let along =
+            [0, 1, 2].map(|axis| -> Vec<f32> { directions.iter().map(|d| d[axis]).collect() });
+        let [x, y, z] = &along;
+        let mut open: Vec<bool> = (0..directions.len()).map(asked).collect();
+        let rays = Rays {
+            direction: [x, y, z],
+            open: &mut open,
+        };
+        bvh.close_blocked(origin, rays);
+        open
+    }
+
     /// Two balls, one with faces turned inside out, from many places: as one ray at a time says, but for rays along edges.
     #[test]
     fn packets_say_what_single_rays_say() {
@@ -251,18 +270,8 @@ mod tests {
                     _ => Vec3::new(number(), number(), number()).normalize_or(Vec3::Y),
                 })
                 .collect();
-            let along =
-                [0, 1, 2].map(|axis| -> Vec<f32> { directions.iter().map(|d| d[axis]).collect() });
             let asked = |i: usize| i % 5 != 2;
-            let mut open: Vec<bool> = (0..count).map(asked).collect();
-            let [x, y, z] = &along;
-            bvh.close_blocked(
-                origin,
-                Rays {
-                    direction: [x, y, z],
-                    open: &mut open,
-                },
-            );
+            let open = open_of(&bvh, origin, &directions, asked);
             for (i, direction) in directions.iter().enumerate() {
                 if !asked(i) {
                     assert!(!open[i]);
@@ -288,18 +297,7 @@ mod tests {
                 Vec3::new((0.7 * i as f32).sin(), 1.5, (0.3 * i as f32).cos() - 0.5).normalize()
             })
             .collect();
-        let ask = |directions: &[Vec3]| {
-            let along =
-                [0, 1, 2].map(|axis| -> Vec<f32> { directions.iter().map(|d| d[axis]).collect() });
-            let [x, y, z] = &along;
-            let mut open = vec![true; directions.len()];
-            let rays = Rays {
-                direction: [x, y, z],
-                open: &mut open,
-            };
-            bvh.close_blocked(origin, rays);
-            open
-        };
+        let ask = |directions: &[Vec3]| open_of(&bvh, origin, directions, |_| true);
         let together = ask(&all);
         let alone: Vec<bool> = all.iter().map(|d| ask(&[*d])[0]).collect();
         assert_eq!(together, alone);

@@ -35,9 +35,10 @@ impl Effect for OccluderBounce {
             let sum: f32 = (0..texels).map(|t| scene.radiance[3 * t + c]).sum();
             sum / texels.max(1) as f32
         });
-        let sent = sent_by_occluder(scene, mean);
-        let somebody = sent.is_some();
-        let sent = sent.unwrap_or_else(|| vec![0.0; scene.size()]);
+        let (sent, cells) = match sent_by_occluder(scene, mean) {
+            Some(sent) => (sent, light_of_cells(scene, |_, c| mean[c])),
+            None => (vec![0.0; scene.size()], Vec::new()),
+        };
         let azimuths = azimuths(scene.seen);
         let turned = |axis: usize| {
             scene.on_views(|v| {
@@ -55,11 +56,6 @@ impl Effect for OccluderBounce {
         let mut terms: Vec<Term> = sides.collect();
         let name = "radiance (of the mean) of the occluder";
         terms.push(Term::new(name, 0.3, sent).positive());
-        let cells = if somebody {
-            light_of_cells(scene, |_, c| mean[c])
-        } else {
-            vec![vec![0.0; scene.size()]; CameraGrid::CELLS]
-        };
         let parts = (0..CameraGrid::PARTS).map(|part| {
             let mut field = vec![0.0; scene.size()];
             for (cell, sent) in cells.iter().enumerate() {
