@@ -1,6 +1,6 @@
 //! Triangle meshes.
 
-use glam::{Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 use thiserror::Error;
 
 use crate::lat_long::LatLong;
@@ -62,6 +62,9 @@ pub enum MeshError {
     },
 }
 
+/// What a mesh may lack of a closed surface and still have an inside: the hole's area, of the rest's.
+const LARGEST_HOLE: f64 = 0.3;
+
 impl Mesh {
     /// Checks that the mesh can be rendered.
     ///
@@ -118,10 +121,10 @@ impl Mesh {
         for r in 0..rows {
             for c in 0..columns {
                 if r + 1 < rows {
-                    mesh.faces.push([at(r, c), at(r + 1, c), at(r + 1, c + 1)]);
+                    mesh.faces.push([at(r, c), at(r + 1, c + 1), at(r + 1, c)]);
                 }
                 if r > 0 {
-                    mesh.faces.push([at(r, c), at(r + 1, c + 1), at(r, c + 1)]);
+                    mesh.faces.push([at(r, c), at(r, c + 1), at(r + 1, c + 1)]);
                 }
             }
         }
@@ -177,7 +180,8 @@ impl Mesh {
     }
 
     /// Computes vertex normals when there are none: the mean of the adjoining faces' normals weighted by their angle at
-    /// the vertex (Thürmer & Wüthrich 1998), which does not depend on how a flat part is cut into triangles.
+    /// the vertex (Thürmer & Wüthrich 1998), which does not depend on how a flat part is cut into triangles. They face out of a
+    /// body: see [`face_outwards`](Self::face_outwards).
     pub fn ensure_normals(&mut self) {
         if self.normals.len() == self.positions.len() {
             return;
@@ -200,6 +204,36 @@ impl Mesh {
         for normal in &mut self.normals {
             *normal = normal.try_normalize().unwrap_or(Vec3::Z);
         }
+        self.face_outwards();
+    }
+
+    /// Turns the normals of a body that is inside out, and says whether it was: some files wind their faces the other way. A mesh
+    /// with large holes has no inside, and keeps its normals.
+    pub fn face_outwards(&mut self) -> bool {
+        let middle = self.bounds()[0].midpoint(self.bounds()[1]);
+        // The volume and the vectors of area add up to those of a closed body, whose vectors add up to nothing.
+        let (mut volume, mut area, mut vectors) = (0.0f64, 0.0f64, DVec3::ZERO);
+        for (face, corners) in self.faces.iter().enumerate() {
+            let cross = self.face_cross(face);
+            let normals = corners.map(|i| self.normals[i as usize]);
+            let side = if cross.dot(normals.iter().sum()) < 0.0 {
+                -1.0
+            } else {
+                1.0
+            };
+            let cross = side * cross.as_dvec3();
+            let corner = self.positions[corners[0] as usize] - middle;
+            volume += corner.as_dvec3().dot(cross) / 6.0;
+            area += 0.5 * cross.length();
+            vectors += 0.5 * cross;
+        }
+        let inside_out = volume < 0.0 && vectors.length() < LARGEST_HOLE * area;
+        if inside_out {
+            self.normals
+                .iter_mut()
+                .for_each(|normal| *normal = -*normal);
+        }
+        inside_out
     }
 
     fn face_cross(&self, face: usize) -> Vec3 {
@@ -245,6 +279,53 @@ mod tests {
         for (p, n) in mesh.positions.iter().zip(&mesh.normals) {
             let diagonal = (*p - Vec3::splat(0.5)).normalize();
             assert!((*n - diagonal).length() < 1e-5, "{p} {n}");
+        }
+    }
+
+    #[test]
+    fn a_body_that_is_inside_out_is_turned() {
+        let outwards = |mesh: &Mesh| {
+            let both = mesh.positions.iter().zip(&mesh.normals);
+            both.filter(|(p, n)| (**p - Vec3::splat(0.5)).dot(**n) > 0.0)
+                .count()
+        };
+        let turned = |mesh: &Mesh| Mesh {
+            faces: mesh.faces.iter().map(|&[a, b, c]| [a, c, b]).collect(),
+            ..mesh.clone()
+        };
+        // Wound the other way, without normals and with such as its faces have.
+        let mut mesh = turned(&cube());
+        mesh.ensure_normals();
+        assert_eq!(outwards(&mesh), 8);
+        assert!(!mesh.face_outwards());
+        mesh.normals.iter_mut().for_each(|n| *n = -*n);
+        assert!(mesh.face_outwards());
+        assert_eq!(outwards(&mesh), 8);
+        // A box without its lid has an inside, one side of a box has none.
+        let mut open = turned(&cube());
+        open.faces.drain(2..4);
+        open.ensure_normals();
+        assert_eq!(outwards(&open), 8);
+        open.faces.truncate(2);
+        open.normals.clear();
+        open.ensure_normals();
+        let of_faces = open.face_normal(0);
+        assert!(
+            open.faces[0]
+                .iter()
+                .all(|&i| open.normals[i as usize].dot(of_faces) > 0.9)
+        );
+    }
+
+    #[test]
+    fn a_ball_is_wound_as_its_normals_say() {
+        let ball = Mesh::sphere(Vec3::new(3.0, 0.0, 1.0), 2.0, 6);
+        for (face, corners) in ball.faces.iter().enumerate() {
+            assert!(
+                ball.face_normal(face)
+                    .dot(ball.normals[corners[1] as usize])
+                    > 0.5
+            );
         }
     }
 

@@ -8,22 +8,25 @@ use std::{
 
 use clap::Args;
 
+mod found;
+mod outline;
+mod summary;
+
+use summary::summary;
+
 use super::{
     Failure, Outcome,
-    arguments::{ColorName, ReadingArguments},
+    arguments::ReadingArguments,
     print,
     reconstruct::reading::Reading,
     shown::{self, ProgressArguments},
     stop_on_interrupt, taken, units,
 };
 use crate::{
-    capture::{Capture, LoadOptions, UpAxis},
+    capture::{Capture, LoadOptions},
     control::Control,
-    criticism::{
-        self, DiagnoseError, Diagnosis, Options, Simulation, diagnosis::Finding, effects, page,
-        silhouette::Silhouettes,
-    },
-    joint,
+    criticism::{self, DiagnoseError, Diagnosis, Options, Simulation, page},
+    joint, layout,
     progress::{ProgressDisplay, Style},
     reconstruction::{Ended, Reconstruction},
     relight,
@@ -45,10 +48,6 @@ const RECONSTRUCTION: f64 = 0.4;
 /// Its steps, which a small capture takes in less: its diagnosis is then the same on any machine. The diagnosis fits light, texture
 /// and lobe anew and ends in the same place from 4, 8 and 30 of them; what these save is its own first steps.
 const STEPS: u64 = 6;
-/// Seconds that a reconstruction takes for an occluder's outline: with fewer left there is none, and more are not taken.
-const OUTLINE: (f64, f64) = (40.0, 120.0);
-/// The share of the time limit that it may take beyond that.
-const OUTLINE_SHARE: f64 = 0.125;
 
 #[derive(Args, Debug)]
 #[command(after_help = EXAMPLES)]
@@ -120,7 +119,8 @@ pub(super) fn run(arguments: &DiagnoseArguments, out: &mut dyn Write) -> Result<
             .map_or(Settings::default().threads, usize::from),
         style: arguments.progress.style(arguments.json),
     };
-    let Some(diagnosis) = diagnose(&job, stop_on_interrupt()?, &mut |_| Ok(()))? else {
+    let stop = stop_on_interrupt()?;
+    let Some(diagnosis) = diagnose(&job, stop, &mut |_| Ok(()))? else {
         let _ = writeln!(std::io::stderr(), "interrupted: nothing was written");
         return Ok(Outcome::Interrupted);
     };
@@ -130,6 +130,13 @@ pub(super) fn run(arguments: &DiagnoseArguments, out: &mut dyn Write) -> Result<
         summary(&diagnosis, &folder)
     };
     print(out, &text)?;
+    if stop.load(Ordering::Relaxed) {
+        let _ = writeln!(
+            std::io::stderr(),
+            "interrupted: what was found by then was written"
+        );
+        return Ok(Outcome::Interrupted);
+    }
     Ok(Outcome::Done)
 }
 
@@ -141,10 +148,16 @@ fn reading(arguments: &DiagnoseArguments) -> Result<LoadOptions, Failure> {
         return Ok(options);
     };
     let kept = relight::reading(folder).map_err(Failure::bad_input)?;
+    if let Some(problem) = Reading::misunderstood(&kept, typed) {
+        let path = folder.join(layout::SETTINGS);
+        let message = format!("{}: {problem}", path.display());
+        return Err(Failure::bad_input(message));
+    }
     Ok(typed.or(Reading::told(&kept)).into_options(options))
 }
 
-/// Diagnoses a capture; `None` when interrupted.
+/// Diagnoses a capture; `None` when interrupted before there was anything to say. An occluder's outline, which comes last, is left
+/// out then.
 pub(super) fn diagnose(
     job: &Job<'_>,
     stop: &AtomicBool,
@@ -207,29 +220,9 @@ pub(super) fn diagnose(
     };
     // Where the lamps are known there is nothing to reconstruct.
     if capture.lamps.is_none() {
-        outcome.diagnosis.command = reconstruction_with(job, &outcome.diagnosis);
+        outcome.diagnosis.command = found::reconstruction_with(job, &outcome.diagnosis);
     }
-    let before = began.elapsed().as_secs_f64();
-    let left = (job.time_limit - before).max(OUTLINE_SHARE * job.time_limit);
-    let left = left.min(OUTLINE.1);
-    if somebody_found(&outcome.diagnosis) && left > OUTLINE.0 {
-        report("reconstructing with what was found, for the occluder's outline");
-        let settings = Settings {
-            time_limit: Some(left),
-            with: of_the_camera(&outcome.diagnosis),
-            lambertian: simulation.lobe.is_none(),
-            ..job.settings()
-        };
-        let Some(solved) = job.solve(&capture, &settings, &pool, stop)? else {
-            return Ok(None);
-        };
-        if let Some(silhouettes) = Silhouettes::reconstructed(&capture, &solved) {
-            outcome.diagnosis.occluders = Some(silhouettes.told.clone());
-            outcome.silhouettes = Some(silhouettes);
-        }
-        let took = began.elapsed().as_secs_f64() - before;
-        outcome.diagnosis.seconds.insert("outline".to_owned(), took);
-    }
+    outline::draw(job, &capture, &mut outcome, (began, &pool, stop), &report);
     inspect(&outcome).map_err(Failure::failed)?;
     if let Some(folder) = job.out {
         page::write(folder, &outcome).map_err(Failure::failed)?;
@@ -284,123 +277,15 @@ fn refused(error: DiagnoseError) -> Failure {
     }
 }
 
-/// The command that reconstructs with what was found: effects of the camera fitted jointly, occluders if somebody moves in the
-/// light; `None` where a reconstruction can do nothing about it.
-fn reconstruction_with(job: &Job<'_>, d: &Diagnosis) -> Option<String> {
-    let with = of_the_camera(d);
-    let somebody = somebody_found(d);
-    if with.is_empty() && !somebody {
-        return None;
-    }
-    let mut command = format!(
-        "eclipse reconstruct {}",
-        units::shell_word(&job.capture.to_string_lossy())
-    );
-    if let Some(mesh) = &job.reading.mesh {
-        command += &format!(" --mesh {}", units::shell_word(&mesh.to_string_lossy()));
-    }
-    if job.reading.allow_outside {
-        command += " --allow-outside";
-    }
-    if let Some(encoding) = job.reading.color_encoding {
-        command += &format!(" --color {}", ColorName::of(encoding).name());
-    }
-    if job.reading.up != UpAxis::default() {
-        command += &format!(" --up {}", job.reading.up.name());
-    }
-    if let Some(side) = job.reading.max_size {
-        command += &format!(" --max-size {side}");
-    }
-    if !somebody {
-        command += " --no-occluders";
-    }
-    if !with.is_empty() {
-        command += &format!(" --with {}", with.join(","));
-    }
-    Some(command)
-}
-
-/// Effects that were found and that a reconstruction can fit jointly.
-fn of_the_camera(d: &Diagnosis) -> Vec<String> {
-    let found = d.effects.iter().map(|finding| finding.id);
-    found
-        .filter(|id| effects::by_id(id).is_some_and(|e| e.is_of_the_camera()))
-        .map(str::to_owned)
-        .collect()
-}
-
-/// Whether somebody was found in the light.
-fn somebody_found(d: &Diagnosis) -> bool {
-    d.effects.iter().any(|f| f.id == joint::OCCLUDER)
-}
-
-fn summary(d: &Diagnosis, folder: &Path) -> String {
-    let mut text = format!("{}\n\n", d.sentence);
-    text += &format!(
-        "{:18} {:>10} {:>9} {:>9} {:>8} {:>9}\n",
-        "effect", "gain", "± s.e.", "p", "size", "survival"
-    );
-    for r in d.ranking.iter().take(8) {
-        text += &format!(
-            "{:18} {:>10.0} {:>9.0} {:>9.1e} {:>7.2}% {:>9.2}{}\n",
-            r.id,
-            r.gain,
-            r.gain_se,
-            r.p,
-            100.0 * r.size,
-            r.survival,
-            if r.capacity { "  (capacity)" } else { "" }
-        );
-    }
-    for finding in &d.effects {
-        text += &numbers(finding);
-    }
-    if let Some(command) = &d.command {
-        text += &format!("reconstruct with it: {command}\n");
-    }
-    text + &format!("wrote {}\n", folder.join("diagnosis.html").display())
-}
-
-/// The numbers of an effect that stand out of their errors, strongest first, a few of them.
-fn numbers(finding: &Finding) -> String {
-    const SHOWN: usize = 12;
-    let error = |name: &str| {
-        finding
-            .standard_errors
-            .get(name)
-            .copied()
-            .unwrap_or(f64::NAN)
-    };
-    let mut all: Vec<(&String, f64, f64)> = finding
-        .parameters
-        .iter()
-        .map(|(name, value)| (name, *value, error(name)))
-        .filter(|(_, value, error)| value.abs() > 2.0 * error)
-        .collect();
-    all.sort_by(|a, b| (b.1 / b.2).abs().total_cmp(&(a.1 / a.2).abs()));
-    let lines: String = all
-        .iter()
-        .take(SHOWN)
-        .map(|(name, value, error)| format!("  {name} = {value:.4} ± {error:.4}\n"))
-        .collect();
-    let more = all.len().saturating_sub(SHOWN);
-    let rest = if more > 0 {
-        format!("  and {more} more, in diagnosis.json\n")
-    } else {
-        String::new()
-    };
-    format!(
-        "{}: sealed gain {:.0} ± {:.0}\n{lines}{rest}",
-        finding.id, finding.sealed_gain, finding.sealed_gain_se
-    )
-}
-
 #[cfg(test)]
 mod tests {
     use clap::Parser;
 
     use super::*;
-    use crate::cli::arguments::{Arguments, Command};
+    use crate::{
+        capture::UpAxis,
+        cli::arguments::{Arguments, Command},
+    };
 
     #[test]
     fn a_capture_is_read_as_its_reconstruction_read_it() {
@@ -423,5 +308,26 @@ mod tests {
         let read = options(&[with.as_slice(), &["--up", "x"]].concat());
         assert_eq!((read.up, read.max_size), (UpAxis::X, Some(640)));
         assert_eq!(options(&[]).up, UpAxis::default());
+    }
+
+    #[test]
+    fn a_reading_that_cannot_be_understood_is_told_unless_it_is_typed_anew() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut settings = Settings::default();
+        settings.reading.up = Some("sideways".to_owned());
+        settings.reading.color = Some("sepia".to_owned());
+        let json = serde_json::to_string(&settings).unwrap();
+        std::fs::write(folder.path().join(crate::layout::SETTINGS), json).unwrap();
+        let refused = |typed: &[&str]| {
+            let with = ["--reconstruction", folder.path().to_str().unwrap()];
+            let words = [["eclipse", "diagnose", "capture"].as_slice(), &with, typed].concat();
+            match Arguments::try_parse_from(words).unwrap().command {
+                Command::Diagnose(arguments) => reading(&arguments).err().map(|f| f.message),
+                _ => unreachable!("the subcommand was given"),
+            }
+        };
+        assert!(refused(&[]).unwrap().contains("sepia"));
+        assert!(refused(&["--color", "srgb"]).unwrap().contains("sideways"));
+        assert_eq!(refused(&["--color", "srgb", "--up", "x"]), None);
     }
 }

@@ -85,12 +85,14 @@ impl RawMesh {
         if self.uvs.len() != vertices || !self.uvs.iter().all(|uv| uv.is_finite()) {
             self.uvs.clear();
         }
-        Ok(Mesh {
+        let mut mesh = Mesh {
             positions: self.positions,
             normals,
             uvs: self.uvs,
             faces: self.faces,
-        })
+        };
+        mesh.face_outwards();
+        Ok(mesh)
     }
 }
 

@@ -42,6 +42,19 @@ impl Reading {
         }
     }
 
+    /// The first thing in the settings of a run that cannot be understood and that nothing `typed` replaces: what it is, and what to do.
+    pub fn misunderstood(kept: &settings::Reading, typed: Self) -> Option<String> {
+        let told = Self::told(kept);
+        let problem = |name, said: &Option<String>, understood: bool| {
+            let said = said.as_ref().filter(|_| !understood)?;
+            Some(format!(
+                "`reading.{name}` is {said:?}, which is none that --{name} takes: correct it, or give --{name}"
+            ))
+        };
+        problem("color", &kept.color, told.or(typed).color.is_some())
+            .or_else(|| problem("up", &kept.up, told.or(typed).up.is_some()))
+    }
+
     /// As a checkpoint kept it before it was one of the settings: by numbers.
     fn of_arrays(begun: &Checkpoint) -> Self {
         let [color, up, max_size] = NAMES.map(|name| match begun.arrays.get(name) {
