@@ -125,7 +125,7 @@ fn a_null_has_nothing_along_any_axis_and_a_falloff_has_it_along_the_radius() {
     // One chance in a hundred that any does.
     let chance: usize = null.iter().map(|axis| count(&axis.found_before)).sum();
     assert!(chance <= 1, "{chance} bins stand out of a null");
-    assert!(locate::structured_energy(&study, &fit) < 0.05);
+    assert!(locate::Structured::of(&study, &fit).all() < 0.05);
 
     let seen: Vec<[f32; 2]> = (0..study.seen.len()).map(|i| study.seen.at(i)).collect();
     let middle = SIZE as f32 / 2.0;

@@ -24,7 +24,9 @@ pub struct Dark {
 type Block = (u32, [usize; 2], usize, [Vec<f64>; 3]);
 
 /// Blocks of background, when it is dark in most frames: then every bit of light there is the sensor's doing.
-pub fn background(capture: &Capture) -> Vec<Dark> {
+///
+/// `floor` is the least variance of a value, on top of which their number is of no help.
+pub fn background(capture: &Capture, floor: f32) -> Vec<Dark> {
     let mut blocks: Vec<Block> = Vec::new();
     let mut bright = 0;
     for (t, frame) in capture.frames.iter().enumerate() {
@@ -77,7 +79,7 @@ pub fn background(capture: &Capture) -> Vec<Dark> {
                 };
                 value[c] = mean as f32;
                 // A tenth of the noise stands for what the noise's own shape leaves open.
-                variance[c] = (noise / n + 0.01 * noise) as f32;
+                variance[c] = ((noise / n + 0.01 * noise) as f32).max(floor);
             }
             let middle = |b: usize| (b * size) as f32 + 0.5 * size as f32;
             Dark {
@@ -91,14 +93,15 @@ pub fn background(capture: &Capture) -> Vec<Dark> {
         .collect()
 }
 
-/// The noise of a background whose values below zero were cut off; `None` when they were not.
+/// The noise of a background whose values below zero were cut off; `None` when they were not, as where values below zero are found.
 fn cut_noise<'a>(blocks: impl Iterator<Item = &'a Vec<f64>>) -> Option<f64> {
     let mut squares: Vec<f64> = blocks
         .filter_map(|values| {
             let above: Vec<f64> = values.iter().copied().filter(|v| *v > 0.0).collect();
-            let cut = values.len() - above.len();
+            let cut = values.iter().filter(|v| **v == 0.0).count();
+            let below = values.len() - above.len() - cut;
             // Of noise about zero half the values are positive, and their mean square is the variance.
-            (5 * cut > values.len() && above.len() > 2)
+            (below == 0 && 5 * cut > values.len() && above.len() > 2)
                 .then(|| above.iter().map(|v| v * v).sum::<f64>() / above.len() as f64)
         })
         .collect();
@@ -144,4 +147,66 @@ fn near_object(mask: &Image, x: usize, y: usize, reach: usize) -> bool {
     (1..=reach).any(|d| {
         hit(x.wrapping_sub(d), y) || hit(x + d, y) || hit(x, y.wrapping_sub(d)) || hit(x, y + d)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+    use render::{camera::Camera, mesh::Mesh, sampler::SampleKey};
+
+    use super::*;
+    use crate::capture::Frame;
+
+    const NOISE: f32 = 0.01;
+
+    /// The mean of the dark background of noisy photographs of nothing but a constant, `kept` as a file keeps values.
+    fn mean_of_background(constant: f32, kept: impl Fn(f32) -> f32) -> f32 {
+        let camera = Camera::look_at(64, 64, 0.5, Vec3::new(5.0, 0.0, 0.0), Vec3::ZERO);
+        let frame = |frame: u32| {
+            let mut image = Image::filled(64, 64, 3, 0.0);
+            for (p, value) in image.data.iter_mut().enumerate() {
+                let key = SampleKey {
+                    frame,
+                    pixel: p as u32,
+                    ..SampleKey::default()
+                };
+                *value = kept(constant + NOISE * key.stream().normal());
+            }
+            let mut mask = Image::filled(64, 64, 1, 0.0);
+            for p in (0..64 * 64)
+                .filter(|p| (28..36).contains(&(p / 64)) && (28..36).contains(&(p % 64)))
+            {
+                mask.data[p] = 1.0;
+                image.data[3 * p..][..3].fill(0.5);
+            }
+            Frame {
+                name: String::new(),
+                camera: camera.clone(),
+                image,
+                mask,
+            }
+        };
+        let capture = Capture {
+            path: "synthesised".into(),
+            frames: (0..4).map(frame).collect(),
+            mesh: Mesh::sphere(Vec3::ZERO, 1.0, 4),
+            centre: Vec3::ZERO,
+            lamps: None,
+        };
+        let dark = background(&capture, 0.0);
+        assert!(dark.len() > 20);
+        let values = dark.iter().flat_map(|d| d.value);
+        values.sum::<f32>() / (3 * dark.len()) as f32
+    }
+
+    #[test]
+    fn a_dark_background_is_dark_whether_noise_below_zero_is_kept_or_cut_off() {
+        for constant in [0.0, 0.004] {
+            let whole = mean_of_background(constant, |v| v);
+            let cut = mean_of_background(constant, |v| v.max(0.0));
+            assert!((whole - constant).abs() < 0.03 * NOISE, "{whole}");
+            // Half a normal distribution tells less of its middle.
+            assert!((cut - constant).abs() < 0.2 * NOISE, "{cut}");
+        }
+    }
 }

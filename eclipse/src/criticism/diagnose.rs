@@ -10,7 +10,7 @@ use super::{
     frame_numbers::FrameNumbers,
     light::Light,
     linearise::{Candidate, Jacobian},
-    locate,
+    locate::{self, Structured},
     refit::{self, Round},
     score::{Screen, screen},
     sealed::{Judge, Noise},
@@ -183,6 +183,7 @@ pub fn diagnose<'a>(
         .iter()
         .map(|step| finding(step.choice, after, step.gain, &errors))
         .collect();
+    let findings = apart(findings);
     let all_shared = after.is_shared();
     let none = FrameNumbers::none();
     let judge = Judge::new(&study, before, after, Noise::Sensor);
@@ -194,7 +195,8 @@ pub fn diagnose<'a>(
         rmse_before: first_errors.rmse(all_shared),
         rmse_after: last_errors.rmse(all_shared),
     };
-    let structured = [before, after].map(|fit| locate::structured_energy(&study, fit));
+    let structured = [before, after].map(|fit| Structured::of(&study, fit));
+    let judged = verdict::judged(structured);
     let hot_spots = locate::hot_spots(&study, before, HOT_SPOTS);
     let hot_spots_after = locate::hot_spots(&study, after, HOT_SPOTS);
     let axes = axes::axes(&study, before, after);
@@ -203,7 +205,7 @@ pub fn diagnose<'a>(
         unknown: opened.unknown,
         refused: opened.refused,
         ranking: &ranking,
-        structured,
+        structured: judged,
     };
     let verdict = verdict::verdict(&grounds);
     let moved = moved(before, after);
@@ -224,8 +226,8 @@ pub fn diagnose<'a>(
         looks_like,
         ranking,
         sealed,
-        unexplained_fraction: if structured[0] > 0.0 {
-            (structured[1] / structured[0]).min(1.0)
+        unexplained_fraction: if judged[0] > 0.0 {
+            (judged[1] / judged[0]).min(1.0)
         } else {
             0.0
         },
@@ -237,7 +239,8 @@ pub fn diagnose<'a>(
         moved,
         command: None,
         assumptions: assumptions(capture, light, &study),
-        structured,
+        structured: structured.map(Structured::all),
+        background: structured.map(|s| s.background),
         axes,
         seconds,
     };
@@ -250,6 +253,15 @@ pub fn diagnose<'a>(
         after,
         silhouettes,
     })
+}
+
+/// Effects that are all in the model are no alternatives to each other.
+fn apart(mut findings: Vec<Finding>) -> Vec<Finding> {
+    let all: Vec<&str> = findings.iter().map(|finding| finding.id).collect();
+    for finding in &mut findings {
+        finding.ambiguous_with.retain(|other| !all.contains(other));
+    }
+    findings
 }
 
 /// Round and rank of a model among those that stand.
@@ -394,4 +406,17 @@ pub enum DiagnoseError {
     /// A name that no effect has.
     #[error("there is no effect called `{0}`; `eclipse diagnose --help` lists them")]
     Unknown(String),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_found_beside_an_effect_is_no_alternative_to_it() {
+        let first = Finding::example("lamp_direction", vec!["normal_error", "response_curve"]);
+        let second = Finding::example("response_curve", Vec::new());
+        let kept = apart(vec![first, second]);
+        assert_eq!(kept[0].ambiguous_with, ["normal_error"]);
+    }
 }

@@ -194,6 +194,8 @@ pub struct Diagnosis {
     pub assumptions: Vec<String>,
     /// Structured mismatch in units of the noise's variance, before and after.
     pub structured: [f64; 2],
+    /// The part of it that is in the background.
+    pub background: [f64; 2],
     /// Mean residuals along axes.
     pub axes: Vec<Axis>,
     /// Seconds each part took.

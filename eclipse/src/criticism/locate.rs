@@ -143,19 +143,37 @@ fn shared_in_cells(study: &Study<'_>, residual: &[f32]) -> Vec<Option<f64>> {
 
 /// The part of residuals that neighbouring places of a frame share: noise does not correlate, missing physics does.
 ///
-/// A mean product of standardised residuals of neighbours, that is, an energy per value in units of the noise's variance: of the
-/// surface, and of the background where that should be dark and glows visibly.
-pub fn structured_energy(study: &Study<'_>, fit: &Fit) -> f64 {
-    let residual = fit.residual(study);
-    let standard = |k: usize| f64::from(residual[k] / study.variance[k].sqrt());
-    let plain = |k: usize| f64::from(residual[k]);
-    let glow = of_background(study, &plain).max(0.0).sqrt();
-    let certain = if glow > GLOW * f64::from(fit.scene(study).typical()) {
-        of_background(study, &standard).max(0.0)
-    } else {
-        0.0
-    };
-    of_surface(study, &standard).max(0.0) + certain
+/// A mean product of standardised residuals of neighbours, that is, an energy per value in units of the noise's variance.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Structured {
+    /// Of the surface.
+    pub surface: f64,
+    /// Of the background, where that should be dark and glows visibly.
+    pub background: f64,
+}
+
+impl Structured {
+    /// Of a fit.
+    pub fn of(study: &Study<'_>, fit: &Fit) -> Self {
+        let residual = fit.residual(study);
+        let standard = |k: usize| f64::from(residual[k] / study.variance[k].sqrt());
+        let plain = |k: usize| f64::from(residual[k]);
+        let glow = of_background(study, &plain).max(0.0).sqrt();
+        let background = if glow > GLOW * f64::from(fit.scene(study).typical()) {
+            of_background(study, &standard).max(0.0)
+        } else {
+            0.0
+        };
+        Self {
+            surface: of_surface(study, &standard).max(0.0),
+            background,
+        }
+    }
+
+    /// Both.
+    pub fn all(self) -> f64 {
+        self.surface + self.background
+    }
 }
 
 fn of_surface(study: &Study<'_>, standard: &dyn Fn(usize) -> f64) -> f64 {

@@ -13,8 +13,12 @@ use super::{
     quantum::Quantum,
     scatter::scatter,
     split::{self, Place},
+    statistics::median,
 };
-use crate::{capture::Capture, reconstruction::Noise};
+use crate::{
+    capture::{Capture, Frame},
+    reconstruction::Noise,
+};
 
 /// Views more oblique than this (cosine) are left out: footprints and shading normals are least right there.
 const GRAZING: f32 = 0.3;
@@ -78,9 +82,14 @@ impl Observations {
     pub fn gather(capture: &Capture, bvh: &Bvh, noise: &Noise, count: usize, seed: u64) -> Self {
         let (points, spacing) = scatter(bvh, count, seed);
         let quantum = Quantum::of(capture.frames.iter().map(|f| &f.image));
+        let floor = match quantum {
+            Some(_) => (MODEL_ERROR * middle(capture)).powi(2),
+            None => 0.0,
+        };
         let sensor = Sensor {
             noise,
             quantum: quantum.as_ref(),
+            floor,
         };
         let views: Vec<Vec<View>> = points
             .par_iter()
@@ -108,7 +117,7 @@ impl Observations {
                 .collect(),
             views: views.concat(),
             offsets,
-            dark: background(capture),
+            dark: background(capture, floor),
             eyes: capture.frames.iter().map(|f| f.camera.centre()).collect(),
             cameras: capture.frames.iter().map(|f| f.camera.clone()).collect(),
             frames: capture.frames.len(),
@@ -171,14 +180,32 @@ impl Observations {
 struct Sensor<'a> {
     noise: &'a Noise,
     quantum: Option<&'a Quantum>,
+    /// The least variance. Photographs of eight bits resolve shadows far better than the models of lens, sensor and file do that
+    /// they went through: left to their rounding, the darkest values would outweigh all others.
+    floor: f32,
 }
 
 impl Sensor<'_> {
     /// Variance of a value. Noise larger than a level holds the rounding's already.
     fn variance(&self, value: f32) -> f32 {
         let noise = self.noise.sigma(f64::from(value)).powi(2) as f32;
-        noise.max(self.quantum.map_or(0.0, |quantum| quantum.variance(value)))
+        let rounding = self.quantum.map_or(0.0, |quantum| quantum.variance(value));
+        noise.max(rounding).max(self.floor)
     }
+}
+
+/// The middle value of the object.
+fn middle(capture: &Capture) -> f32 {
+    let inside = |frame: &Frame| -> Vec<f64> {
+        let pixels = frame.image.data.chunks_exact(3).zip(&frame.mask.data);
+        let inside = pixels.filter(|(_, mask)| **mask > 0.999);
+        inside.map(|(p, _)| f64::from(p[1])).collect()
+    };
+    let mut all: Vec<f64> = capture.frames.iter().flat_map(inside).collect();
+    if all.is_empty() {
+        return 0.0;
+    }
+    median(&mut all).max(0.0) as f32
 }
 
 fn views_of(capture: &Capture, bvh: &Bvh, sensor: &Sensor, point: &SurfacePoint) -> Vec<View> {

@@ -3,6 +3,7 @@
 use super::{
     diagnosis::{Diagnosis, Finding, Ranked, Verdict},
     effects,
+    locate::Structured,
     statistics::median,
 };
 
@@ -10,6 +11,8 @@ use super::{
 const STRUCTURE: f64 = 0.35;
 /// Effects that would have to be larger than this share of the image to be found are named where nothing is missing.
 const HIDDEN: f64 = 0.05;
+/// A share of the structured mismatch that is left, from which on the sentence says where.
+const REST: f64 = 0.1;
 /// An effect whose gain is this many standard errors may be there.
 const HINT: f64 = 2.5;
 
@@ -23,8 +26,18 @@ pub struct Grounds<'a> {
     pub refused: bool,
     /// The first screening.
     pub ranking: &'a [Ranked],
-    /// Structured mismatch before and after, in units of the noise's variance.
+    /// Structured mismatch before and after, in units of the noise's variance: see [`judged`].
     pub structured: [f64; 2],
+}
+
+/// The structured mismatch that a verdict rests on: the surface's where it has any, since light behind it may be scenery that no
+/// simulation of the object holds; else all.
+pub fn judged(structured: [Structured; 2]) -> [f64; 2] {
+    if structured[0].surface > STRUCTURE {
+        structured.map(|s| s.surface)
+    } else {
+        structured.map(Structured::all)
+    }
 }
 
 /// The outcome.
@@ -87,13 +100,18 @@ pub fn sentence(d: &Diagnosis) -> String {
         d.sealed.chi2_before, d.sealed.chi2_after
     );
     match d.verdict {
-        Verdict::Explained => format!("{place}{} {share}; {chi2}.", names.join(" together with ")),
+        Verdict::Explained => format!(
+            "{place}{} {share}; {chi2}.{}",
+            names.join(" together with "),
+            left(d)
+        ),
         Verdict::Ambiguous => {
             let others = &d.effects[0].ambiguous_with;
             format!(
-                "{place}{} {share}, but {} would do as well; {chi2}.",
+                "{place}{} {share}, but {} would do as well; {chi2}.{}",
                 names.join(" together with "),
-                others.join(" or ")
+                others.join(" or "),
+                left(d)
             )
         }
         Verdict::Underpowered => format!(
@@ -151,6 +169,30 @@ pub fn sentence(d: &Diagnosis) -> String {
     }
 }
 
+/// What the effects that were found leave over.
+fn left(d: &Diagnosis) -> String {
+    let mut left: Vec<String> = Vec::new();
+    let spot = d.hot_spots_after.first();
+    if let Some(spot) =
+        spot.filter(|_| d.unexplained_fraction > REST && d.structured[0] > STRUCTURE)
+    {
+        left.push(format!(
+            "frame {} around pixel ({:.0}, {:.0})",
+            spot.frame,
+            0.5 * (spot.pixels[0] + spot.pixels[2]),
+            0.5 * (spot.pixels[1] + spot.pixels[3])
+        ));
+    }
+    let [before, after] = d.background;
+    if after > STRUCTURE && after > 0.5 * before {
+        left.push("light in the background, which may be scenery".to_owned());
+    }
+    if left.is_empty() {
+        return String::new();
+    }
+    format!(" Not explained: {}.", left.join(", and "))
+}
+
 fn told(finding: &Finding) -> String {
     let what = effects::by_id(finding.id).map_or("", |e| e.describe());
     format!(
@@ -187,6 +229,17 @@ mod tests {
         assert_eq!(verdict(&of(&one, [0.05, 0.05])), Verdict::Explained);
         let both = [found(Vec::new()), found(vec!["medium"])];
         assert_eq!(verdict(&of(&both, [3.0, 0.2])), Verdict::Ambiguous);
+    }
+
+    #[test]
+    fn scenery_behind_a_surface_that_is_explained_does_not_count() {
+        let at = |surface, background| Structured {
+            surface,
+            background,
+        };
+        assert_eq!(judged([at(9.0, 50.0), at(0.4, 49.0)]), [9.0, 0.4]);
+        // A surface without mismatch says nothing of glare behind it.
+        assert_eq!(judged([at(0.1, 50.0), at(0.1, 1.0)]), [50.1, 1.1]);
     }
 
     #[test]

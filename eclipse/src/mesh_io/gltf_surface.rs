@@ -77,6 +77,7 @@ fn lookup(map: &Image, uv: Vec2) -> [f32; 3] {
 /// Parses a binary glTF file of one primitive, as [`write_glb`](super::write_glb) makes them, with its material.
 pub fn parse_surfaced_glb(bytes: &[u8]) -> Result<(Mesh, MeshSurface), MeshParseError> {
     let (document, buffers) = open(bytes, &mut nothing_else)?;
+    check_images(&document)?;
     let surface = surface_of(&document, &buffers)?;
     let mesh = mesh_of(&document, buffers)?;
     match &surface {
@@ -91,6 +92,21 @@ pub fn parse_surfaced_glb(bytes: &[u8]) -> Result<(Mesh, MeshSurface), MeshParse
             "it has textures without usable texture coordinates",
         )),
         _ => Ok((mesh, surface)),
+    }
+}
+
+/// The gltf crate takes for granted that an image is somewhere, and what it is where it is embedded.
+fn check_images(document: &Document) -> Result<(), MeshParseError> {
+    let images = &document.as_json().images;
+    let told = |image: &gltf::json::Image| match &image.buffer_view {
+        Some(_) => image.mime_type.is_some(),
+        None => image.uri.is_some(),
+    };
+    match images.iter().position(|image| !told(image)) {
+        Some(k) => Err(syntax(format!(
+            "image {k} has neither `uri` nor `bufferView` with `mimeType`"
+        ))),
+        None => Ok(()),
     }
 }
 
@@ -254,6 +270,34 @@ mod tests {
         assert_eq!(materials[1].albedo, [0.4, 0.5, 0.6]);
         assert!((materials[1].alpha - 0.36).abs() < 1e-6);
         assert_eq!(materials[2].kappa, 0.08);
+    }
+
+    #[test]
+    fn an_image_that_is_nowhere_is_told() {
+        let map = Image::filled(2, 2, 3, 0.5);
+        let scalar = Image::filled(2, 2, 1, 0.5);
+        let surface = GlbSurface {
+            textures: Some(GlbTextures {
+                base_color: &map,
+                roughness: &scalar,
+                specular: &scalar,
+            }),
+            ..Default::default()
+        };
+        let bytes = encode_glb(&triangle(), &surface).unwrap();
+        assert!(parse_surfaced_glb(&bytes).is_ok());
+        for name in ["mimeType", "bufferView"] {
+            let field = format!("\"{name}\":");
+            let images = bytes.windows(9).position(|w| w == b"\"images\":").unwrap();
+            let at = bytes[images..]
+                .windows(field.len())
+                .position(|w| w == field.as_bytes());
+            let mut without = bytes.clone();
+            // Any other name: the file keeps its length.
+            without[images + at.unwrap() + 1] = b'x';
+            let message = parse_surfaced_glb(&without).unwrap_err().to_string();
+            assert!(message.contains("image 0 has neither"), "{message}");
+        }
     }
 
     #[test]
