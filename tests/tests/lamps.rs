@@ -317,6 +317,28 @@ fn turned(direction: Vec3, right: f32, up: f32) -> Vec3 {
 }
 
 #[test]
+fn a_ball_that_is_elsewhere_is_found_where_it_is() {
+    // In its radii, to the right and upwards.
+    let moved = [-0.05f32, 0.03];
+    let mut capture = plain().clone();
+    for frame in &mut capture.frames {
+        frame.camera.principal[0] -= moved[0] * SCALE;
+        frame.camera.principal[1] += moved[1] * SCALE;
+    }
+    let d = diagnosed(&capture).diagnosis;
+    let found = d.effects.first();
+    assert_eq!(found.map(|e| e.id), Some("pose_error"), "{}", d.sentence);
+    let found = &found.unwrap().parameters;
+    for (name, wanted) in [("further to the right", moved[0]), ("higher", moved[1])] {
+        let number = found[&format!("the ball is {name} (its radii)")];
+        assert!(
+            (number - f64::from(wanted)).abs() < 0.015,
+            "{name}: {number}"
+        );
+    }
+}
+
+#[test]
 fn lamps_that_stand_elsewhere_are_found_where_they_are() {
     let wrong = [(2, [4.0f32, -2.0]), (5, [-3.0, 3.0]), (9, [0.0, 6.0])];
     let mut shone = lamps();

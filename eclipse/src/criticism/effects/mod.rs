@@ -282,6 +282,7 @@ mod tests {
                 "ambient_light",
                 "emission",
                 "specular_lobe",
+                "pose_error",
                 "normal_error",
                 "finer_albedo",
                 "finer_lamps",
