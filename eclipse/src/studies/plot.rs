@@ -1,7 +1,10 @@
 //! Charts as SVG.
 
 use plotters::{
-    coord::ranged1d::{AsRangedCoord, ValueFormatter},
+    coord::{
+        combinators::{LogCoord, WithKeyPoints},
+        ranged1d::{AsRangedCoord, ValueFormatter},
+    },
     prelude::*,
     style::text_anchor::{HPos, Pos, VPos},
 };
@@ -36,14 +39,9 @@ pub(super) fn svg(name: &str, chart: &Chart) -> Result<String, StudyError> {
         // The kinds of axes differ in type.
         match (chart.x.logarithmic, chart.y.logarithmic) {
             (false, false) => draw(&root, chart, x[0]..x[1], y[0]..y[1]),
-            (false, true) => draw(&root, chart, x[0]..x[1], (y[0]..y[1]).log_scale()),
-            (true, false) => draw(&root, chart, (x[0]..x[1]).log_scale(), y[0]..y[1]),
-            (true, true) => draw(
-                &root,
-                chart,
-                (x[0]..x[1]).log_scale(),
-                (y[0]..y[1]).log_scale(),
-            ),
+            (false, true) => draw(&root, chart, x[0]..x[1], by_ratios(y)),
+            (true, false) => draw(&root, chart, by_ratios(x), y[0]..y[1]),
+            (true, true) => draw(&root, chart, by_ratios(x), by_ratios(y)),
         }
         .and_then(|()| root.present().map_err(|e| e.to_string()))
     };
@@ -52,6 +50,33 @@ pub(super) fn svg(name: &str, chart: &Chart) -> Result<String, StudyError> {
         reason,
     })?;
     Ok(scalable(&text))
+}
+
+/// A logarithmic axis.
+fn by_ratios([low, high]: [f64; 2]) -> WithKeyPoints<LogCoord<f64>> {
+    (low..high).log_scale().with_key_points(marks([low, high]))
+}
+
+/// Where such an axis is marked: at powers of ten and, where few of them are on it, at their double and fivefold too.
+fn marks([low, high]: [f64; 2]) -> Vec<f64> {
+    let decades = (high / low).log10();
+    let within_decade: &[f64] = if decades < 2.5 {
+        &[1.0, 2.0, 5.0]
+    } else {
+        &[1.0]
+    };
+    // No more than about eight, however long it is.
+    let every = (decades / 8.0).ceil().max(1.0) as i32;
+    let powers =
+        (low.log10().floor() as i32..=high.log10().ceil() as i32).filter(|p| p % every == 0);
+    let marks: Vec<f64> = powers
+        .flat_map(|power| within_decade.iter().map(move |m| m * 10f64.powi(power)))
+        .filter(|mark| (low..=high).contains(mark))
+        .collect();
+    if marks.len() < 2 {
+        return vec![low, high];
+    }
+    marks
 }
 
 fn draw<X, Y>(
@@ -216,6 +241,15 @@ mod tests {
                 );
             }
         }
+    }
+
+    #[test]
+    fn a_logarithmic_axis_has_marks_however_short_it_is() {
+        assert_eq!(marks([0.3, 1.7]), [0.5, 1.0]);
+        assert_eq!(marks([1.1, 1.9]), [1.1, 1.9]);
+        assert_eq!(marks([0.8, 30.0]), [1.0, 2.0, 5.0, 10.0, 20.0]);
+        assert_eq!(marks([1e-3, 1.0]).len(), 4);
+        assert!((3..=9).contains(&marks([1e-20, 1e10]).len()));
     }
 
     #[test]
