@@ -4,7 +4,7 @@ mod claims;
 
 use serde_json::{Map, Value, json};
 
-use self::claims::claims;
+use self::claims::{claims, untested};
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
@@ -218,7 +218,8 @@ fn row(rows: &[Row], object: Object, variant: Variant) -> Option<&Row> {
 fn evidence(bench: &Bench<'_>, rows: &[Row], pictures: Vec<Picture>) -> Evidence {
     let claims = claims(rows);
     let held: Vec<bool> = claims.iter().flat_map(|c| c.held()).collect();
-    let said: Vec<String> = claims.iter().map(|claim| claim.words()).collect();
+    let mut said: Vec<String> = claims.iter().map(|claim| claim.words()).collect();
+    said.extend(untested(rows));
     let setup = Setup::of(bench.scale);
     let mut figures = vec![table(rows), degrees(rows)];
     figures.push(Figure {
@@ -235,7 +236,11 @@ fn evidence(bench: &Bench<'_>, rows: &[Row], pictures: Vec<Picture>) -> Evidence
         claim: "Spherical harmonics before a sigmoid are a better parametrisation of masks than a free value for every texel, and a \
                 pyramid of levels is a better one of light; levels are better weighted by a = 2 than by a = 1/2, harmonics of high degree \
                 do as well as those of low degree or better, and masks that start near one do better than masks that start at one half.",
-        verdict: Verdict::of(&held),
+        verdict: if held.is_empty() {
+            Verdict::NotTested
+        } else {
+            Verdict::of(&held)
+        },
         sentence: format!(
             "{}. Relative RMSE of the light, {}, after {} iterations of the paper's algorithm: {}.",
             said.join("; "),

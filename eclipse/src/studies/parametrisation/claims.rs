@@ -20,6 +20,8 @@ pub(super) struct Claim {
 /// The claim on one object.
 struct Part {
     object: Object,
+    /// Whether the full model came far enough for differences to it to say anything.
+    tested: bool,
     held: bool,
     /// What was measured that explains it, where it did not hold.
     why: String,
@@ -77,26 +79,33 @@ fn better(one: &Row, other: &Row) -> bool {
 }
 
 impl Claim {
-    /// On each object.
+    /// On each object where it was tested.
     pub(super) fn held(&self) -> impl Iterator<Item = bool> + '_ {
-        self.parts.iter().map(|part| part.held)
+        let tested = self.parts.iter().filter(|part| part.tested);
+        tested.map(|part| part.held)
     }
 
     /// What is claimed, where it held, and why it did not elsewhere.
     pub(super) fn words(&self) -> String {
-        let all = self.parts.len();
+        let all = self.held().count();
         let held = self.held().filter(|&held| held).count();
         let mut words = format!("{}: ", self.what);
         words += &match (held, all) {
+            (_, 0) => "not tested".to_owned(),
             (1, 1) => "held".to_owned(),
             (0, 1) => "not held".to_owned(),
             _ if held == all => format!("held on all {all} objects"),
             _ => format!("held on {held} of {all} objects"),
         };
-        let failed = self.parts.iter().filter(|part| !part.held);
-        let reasons: Vec<String> = failed
+        let failed = self.parts.iter().filter(|part| part.tested && !part.held);
+        let mut reasons: Vec<String> = failed
             .map(|part| format!("not on the {}: {}", part.object.name(), part.why))
             .collect();
+        let untested = self.parts.iter().filter(|part| !part.tested);
+        let untested: Vec<&str> = untested.map(|part| part.object.name()).collect();
+        if !untested.is_empty() && all > 0 {
+            reasons.push(format!("not tested on the {}", untested.join(" and the ")));
+        }
         if !reasons.is_empty() {
             words += &format!(" ({})", reasons.join("; "));
         }
@@ -108,22 +117,39 @@ impl Part {
     fn new(full: &Row, held: bool) -> Self {
         Self {
             object: full.object,
+            tested: reached_something(full),
             held,
             why: if held { String::new() } else { why(full) },
         }
     }
 }
 
+/// Whether a model's light is better than a map of one value.
+fn reached_something(full: &Row) -> bool {
+    full.light() < full.mean(|s| s.constant)
+}
+
+/// What keeps claims from being tested: full models that are no better than a map of one value; nothing where all are better.
+pub(super) fn untested(rows: &[Row]) -> Option<String> {
+    let full = rows.iter().filter(|row| row.variant == Variant::Full);
+    let short: Vec<&Row> = full.filter(|row| !reached_something(row)).collect();
+    let objects: Vec<&str> = short.iter().map(|row| row.object.name()).collect();
+    let misfits = short.iter().map(|row| row.mean(|s| s.misfit));
+    let most = misfits.fold(f64::NAN, f64::max);
+    (!short.is_empty()).then(|| {
+        format!(
+            "On the {} the full model's light is no better than a map of one value, so that differences to it say nothing: it ends with up \
+             to {} times the variance of the noise",
+            objects.join(", the "),
+            number(most)
+        )
+    })
+}
+
 /// Why the full model may be no better than another, by what was measured of it.
 fn why(full: &Row) -> String {
     let (masks, misfit) = (full.mean(|s| s.masks), full.mean(|s| s.misfit));
     let mut reasons = Vec::new();
-    if full.light() >= full.mean(|s| s.constant) {
-        reasons.push(
-            "the full model itself is no better than a map of one value, so that differences say little"
-                .to_owned(),
-        );
-    }
     if masks >= 1.0 {
         reasons.push(format!(
             "the full model's masks are no better than none (error {})",
@@ -203,12 +229,39 @@ mod tests {
             .rfind(|r| r.variant == Variant::Full)
             .unwrap();
         for scores in &mut wreath.scores {
-            (scores.masks, scores.misfit, scores.constant) = (1.2, 30.0, 0.5);
+            (scores.masks, scores.misfit) = (1.2, 30.0);
         }
         let words = claims(&rows)[0].words();
-        for reason in ["map of one value", "no better than none", "30 times"] {
+        for reason in ["no better than none", "30 times"] {
             assert!(words.contains(reason), "{words}");
         }
+        assert_eq!(untested(&rows), None);
+    }
+
+    #[test]
+    fn a_full_model_that_reached_nothing_tests_nothing() {
+        let mut rows = rows();
+        for row in rows.iter_mut().filter(|row| row.object == Object::Wreath) {
+            row.scores.iter_mut().for_each(|s| s.constant = 0.5);
+        }
+        let claim = &claims(&rows)[0];
+        assert_eq!(claim.held().collect::<Vec<_>>(), [true; 3]);
+        let words = claim.words();
+        assert!(
+            words.contains("held on all 3 objects (not tested on the wreath)"),
+            "{words}"
+        );
+        assert!(
+            untested(&rows)
+                .unwrap()
+                .contains("On the wreath the full model")
+        );
+        for row in &mut rows {
+            row.scores.iter_mut().for_each(|s| s.constant = 0.1);
+        }
+        let claim = &claims(&rows)[0];
+        assert_eq!(claim.held().count(), 0);
+        assert!(claim.words().ends_with("not tested"));
     }
 
     #[test]
