@@ -332,7 +332,7 @@ fn a_ball_that_is_elsewhere_is_found_where_it_is() {
     for (name, wanted) in [("further to the right", moved[0]), ("higher", moved[1])] {
         let number = found[&format!("the ball is {name} (its radii)")];
         assert!(
-            (number - f64::from(wanted)).abs() < 0.015,
+            (number - f64::from(wanted)).abs() < 0.006,
             "{name}: {number}"
         );
     }
