@@ -23,7 +23,7 @@ pub type Blend = [(u32, f32); NEAREST];
 pub struct Sites {
     points: Vec<(Vec3, Vec3)>,
     spacing: f32,
-    /// Every pixel of every frame asks for 27 cells and more: a hash against attackers was half the time of that.
+    /// Every pixel of every frame asks for 27 cells and more: a hash against attackers was a good part of that.
     cells: HashMap<IVec3, Vec<u32>, FixedState>,
 }
 
