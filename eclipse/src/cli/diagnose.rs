@@ -1,5 +1,9 @@
 //! `eclipse diagnose`.
 
+mod found;
+mod outline;
+mod summary;
+
 use std::{
     io::Write,
     path::{Path, PathBuf},
@@ -8,12 +12,7 @@ use std::{
 
 use clap::Args;
 
-mod found;
-mod outline;
-mod summary;
-
-use summary::summary;
-
+use self::summary::summary;
 use super::{
     Failure, Outcome,
     arguments::ReadingArguments,

@@ -34,6 +34,14 @@ pub struct HotSpot {
     pub shared: Option<f64>,
 }
 
+impl HotSpot {
+    /// The middle of its box, pixels.
+    pub fn middle(&self) -> [f32; 2] {
+        let [left, top, right, bottom] = self.pixels;
+        [0.5 * (left + right), 0.5 * (top + bottom)]
+    }
+}
+
 /// Parts of frames with significant mean residual (Benjamini and Hochberg at 1 %), largest first; of frames that were sealed only where
 /// no effect in `fit` has numbers of single frames, since theirs are not known.
 pub fn hot_spots(study: &Study<'_>, fit: &Fit, most: usize) -> Vec<HotSpot> {

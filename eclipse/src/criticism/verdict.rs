@@ -78,12 +78,11 @@ pub fn sentence(d: &Diagnosis) -> String {
         } else {
             "darker"
         };
+        let [x, y] = spot.middle();
         format!(
-            "Frame {} is up to {:.1} % {sign} than its simulation around pixel ({:.0}, {:.0}). ",
+            "Frame {} is up to {:.1} % {sign} than its simulation around pixel ({x:.0}, {y:.0}). ",
             spot.frame,
-            100.0 * spot.relative.abs(),
-            0.5 * (spot.pixels[0] + spot.pixels[2]),
-            0.5 * (spot.pixels[1] + spot.pixels[3])
+            100.0 * spot.relative.abs()
         )
     });
     let explained = 100.0 * (1.0 - d.unexplained_fraction);
@@ -176,11 +175,10 @@ fn left(d: &Diagnosis) -> String {
     if let Some(spot) =
         spot.filter(|_| d.unexplained_fraction > REST && d.structured[0] > STRUCTURE)
     {
+        let [x, y] = spot.middle();
         left.push(format!(
-            "frame {} around pixel ({:.0}, {:.0})",
-            spot.frame,
-            0.5 * (spot.pixels[0] + spot.pixels[2]),
-            0.5 * (spot.pixels[1] + spot.pixels[3])
+            "frame {} around pixel ({x:.0}, {y:.0})",
+            spot.frame
         ));
     }
     let [before, after] = d.background;

@@ -21,9 +21,10 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// From the outcomes of a claim's parts.
+    /// From the outcomes of a claim's parts that were tested.
     pub fn of(parts: &[bool]) -> Self {
         match parts.iter().filter(|&&held| held).count() {
+            _ if parts.is_empty() => Self::NotTested,
             n if n == parts.len() => Self::Held,
             0 => Self::DidNotHold,
             _ => Self::HeldInPart,
@@ -278,6 +279,14 @@ pub enum Tone {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_claim_without_parts_was_not_tested() {
+        assert_eq!(Verdict::of(&[]), Verdict::NotTested);
+        assert_eq!(Verdict::of(&[true, true]), Verdict::Held);
+        assert_eq!(Verdict::of(&[true, false]), Verdict::HeldInPart);
+        assert_eq!(Verdict::of(&[false]), Verdict::DidNotHold);
+    }
 
     #[test]
     fn a_range_with_a_hole_is_no_better_than_anything() {

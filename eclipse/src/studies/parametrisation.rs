@@ -236,11 +236,7 @@ fn evidence(bench: &Bench<'_>, rows: &[Row], pictures: Vec<Picture>) -> Evidence
         claim: "Spherical harmonics before a sigmoid are a better parametrisation of masks than a free value for every texel, and a \
                 pyramid of levels is a better one of light; levels are better weighted by a = 2 than by a = 1/2, harmonics of high degree \
                 do as well as those of low degree or better, and masks that start near one do better than masks that start at one half.",
-        verdict: if held.is_empty() {
-            Verdict::NotTested
-        } else {
-            Verdict::of(&held)
-        },
+        verdict: Verdict::of(&held),
         sentence: format!(
             "{}. Relative RMSE of the light, {}, after {} iterations of the paper's algorithm: {}.",
             said.join("; "),

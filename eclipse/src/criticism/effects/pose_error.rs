@@ -1,7 +1,6 @@
 //! Cameras that are not where the capture says.
 
 use glam::{Mat4, Vec3, Vec4};
-
 use render::math::Frame;
 
 use super::{Effect, Stage, Term, normal_error::slopes, support::gradient};
