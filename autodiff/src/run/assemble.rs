@@ -17,7 +17,7 @@ use crate::program::{Program, PullKind};
 use crate::real::Real;
 
 /// Elements of a table that one task adds up.
-const SHARE: usize = 1 << 16;
+const SHARE: usize = 1 << 13;
 
 /// How the private results of chunks make up a whole array.
 pub(super) struct Layout {

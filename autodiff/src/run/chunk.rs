@@ -40,7 +40,7 @@ pub(super) fn spans(program: &Program, extent: &Extent, phase: &Phase) -> Vec<Sp
         .parent
         .map_or(0, |parent| extent.lanes[parent]);
     for i in 1..=count {
-        let target = (lanes as u128 * i as u128 / count as u128) as usize;
+        let target = end(lanes, i, count);
         let (lane, parent) = match &extent.segments[phase.domain] {
             _ if i == count => (lanes, parents),
             None => (target, 0),
@@ -60,6 +60,15 @@ pub(super) fn spans(program: &Program, extent: &Extent, phase: &Phase) -> Vec<Sp
     spans
 }
 
+/// Where the `i`-th of `count` chunks ends, counted from one. Chunks shrink from 8/5 of the mean to 2/5 of it: threads that
+/// take them in turn then end at nearly the same time, however fast each of them is.
+fn end(lanes: usize, i: usize, count: usize) -> usize {
+    let (i, count) = (i as u128, count as u128);
+    // The k-th chunk weighs 8 count - 6 k + 3, which is 5 count on average.
+    let (before, all) = (i * (8 * count - 3 * i), 5 * count * count);
+    (lanes as u128 * before / all) as usize
+}
+
 /// Longest inner axis in a phase.
 pub(super) fn widest(program: &Program, extent: &Extent, phase: &Phase) -> usize {
     let axis = |id: &NodeId| extent.axis(program.nodes[*id].shape.axis);
@@ -69,6 +78,7 @@ pub(super) fn widest(program: &Program, extent: &Extent, phase: &Phase) -> usize
 
 /// Private results of one chunk, gathered into whole arrays after the phase.
 #[derive(Debug)]
+#[repr(align(128))]
 pub(super) struct Chunk<R> {
     pub span: Span,
     pub store: Vec<Buffer<R>>,

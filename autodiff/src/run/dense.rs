@@ -39,7 +39,7 @@ pub(super) fn dense<R: Lane>(
                 .get(2)
                 .filter(|_| bias)
                 .map(|&bias| weights.whole[bias].as_slice()),
-            x: padded(env, xs, lanes, inputs[0], scratch),
+            x: padded(env, xs, lanes, inputs[0], scratch.as_mut_slice()),
             x_pitch: env.stride,
             out: out.as_mut_slice(),
             pitch: env.stride,
@@ -57,16 +57,16 @@ pub(super) fn padded<'v, R: Lane>(
     view: View<'v, R>,
     lanes: Lanes,
     id: NodeId,
-    scratch: &'v mut Buffer<R>,
+    scratch: &'v mut [R],
 ) -> &'v [R] {
     if is_computed(env, id) {
         return view.local[env.slot(id)].as_slice();
     }
     for c in 0..env.channels(id) {
-        scratch.as_mut_slice()[c * env.stride..c * env.stride + lanes.len]
+        scratch[c * env.stride..c * env.stride + lanes.len]
             .copy_from_slice(env.channel(view, lanes, id, c));
     }
-    scratch.as_slice()
+    scratch
 }
 
 pub(super) fn dense_adjoint<R: Lane>(
@@ -110,16 +110,13 @@ pub(super) fn dense_adjoint<R: Lane>(
         let mut scratch = take(&mut worker.scratch);
         let view = values(env, worker);
         let (copy, transposed) = scratch.as_mut_slice().split_at_mut(inner * env.stride);
-        for c in 0..inner {
-            copy[c * env.stride..c * env.stride + lanes.len]
-                .copy_from_slice(env.channel(view, lanes, x, c));
-        }
+        let x = padded(env, view, lanes, x, copy);
         outer(
             env.arch,
             Outer {
                 g,
                 g_pitch: env.stride,
-                x: copy,
+                x,
                 x_pitch: env.stride,
                 rows,
                 columns: inner,

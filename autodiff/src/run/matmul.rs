@@ -18,6 +18,14 @@ const MANY_ROWS: usize = 8;
 const TILE: usize = 2;
 /// Lanes that an outer product takes at a time: transposed they stay in L1.
 const LANES: usize = 32;
+/// Input channels that a product takes at a time, and most lanes of a tile: a copy of them side by side stays in L1, where
+/// channels as they are lie on more pages than a core translates without waiting.
+const DEPTH: usize = 128;
+const PANEL: usize = 32;
+
+/// A panel on a cache line, so that no vector load straddles two.
+#[repr(align(64))]
+struct Panel<R>([R; DEPTH * PANEL]);
 
 /// The height of the register tile of the next rows.
 #[inline(always)]
@@ -64,22 +72,25 @@ impl<R: Real> Kernel for Product<'_, R> {
         // Blocks are padded to whole tiles, so the last one is computed in full; what is beyond `lanes` is not read.
         let padded = self.lanes.next_multiple_of(PARTIALS);
         let packs = R::packs::<S>(&self.x[..padded]).0.len();
+        let mut panel = Panel([R::default(); DEPTH * PANEL]);
         let mut k = 0;
         // Lanes outside, rows inside: a tile of `x` is in L1 for all rows.
         while k < packs {
             let width = if k + TILE <= packs { TILE } else { 1 };
-            let mut row = 0;
-            while row < self.out_rows {
-                let height = height::<S>(self.out_rows - row);
-                match (height, width) {
-                    (MANY_ROWS, TILE) => self.tile::<S, MANY_ROWS, TILE>(simd, row, k, padded),
-                    (MANY_ROWS, _) => self.tile::<S, MANY_ROWS, 1>(simd, row, k, padded),
-                    (ROWS, TILE) => self.tile::<S, ROWS, TILE>(simd, row, k, padded),
-                    (ROWS, _) => self.tile::<S, ROWS, 1>(simd, row, k, padded),
-                    (_, TILE) => self.tile::<S, 1, TILE>(simd, row, k, padded),
-                    _ => self.tile::<S, 1, 1>(simd, row, k, padded),
+            let mut start = 0;
+            loop {
+                let inner = start..self.inner.min(start + DEPTH);
+                self.copy(
+                    k * padded / packs,
+                    width * padded / packs,
+                    &inner,
+                    &mut panel.0,
+                );
+                self.rows(simd, (k, width), padded, inner, &panel.0);
+                start += DEPTH;
+                if start >= self.inner {
+                    break;
                 }
-                row += height;
             }
             k += width;
         }
@@ -87,38 +98,80 @@ impl<R: Real> Kernel for Product<'_, R> {
 }
 
 impl<R: Real> Product<'_, R> {
+    /// Lanes `first .. first + len` of some channels, one channel after the other.
+    #[inline(always)]
+    fn copy(&self, first: usize, len: usize, inner: &Range<usize>, panel: &mut [R]) {
+        for (i, row) in inner.clone().zip(panel.chunks_exact_mut(len)) {
+            row.copy_from_slice(&self.x[i * self.x_pitch + first..][..len]);
+        }
+    }
+
+    /// What some channels add to all rows of a tile.
+    #[inline(always)]
+    fn rows<S: Simd>(
+        &mut self,
+        simd: S,
+        (k, width): (usize, usize),
+        padded: usize,
+        inner: Range<usize>,
+        panel: &[R],
+    ) {
+        let mut row = 0;
+        while row < self.out_rows {
+            let height = height::<S>(self.out_rows - row);
+            let (at, inner) = ((row, k), inner.clone());
+            match (height, width) {
+                (MANY_ROWS, TILE) => {
+                    self.tile::<S, MANY_ROWS, TILE>(simd, at, padded, inner, panel)
+                }
+                (MANY_ROWS, _) => self.tile::<S, MANY_ROWS, 1>(simd, at, padded, inner, panel),
+                (ROWS, TILE) => self.tile::<S, ROWS, TILE>(simd, at, padded, inner, panel),
+                (ROWS, _) => self.tile::<S, ROWS, 1>(simd, at, padded, inner, panel),
+                (_, TILE) => self.tile::<S, 1, TILE>(simd, at, padded, inner, panel),
+                _ => self.tile::<S, 1, 1>(simd, at, padded, inner, panel),
+            }
+            row += height;
+        }
+    }
+
     /// `N` rows by packs `k .. k + T` of lanes.
     #[inline(always)]
     fn tile<S: Simd, const N: usize, const T: usize>(
         &mut self,
         simd: S,
-        row: usize,
-        k: usize,
+        (row, k): (usize, usize),
         padded: usize,
+        inner: Range<usize>,
+        panel: &[R],
     ) {
+        let begun = inner.start > 0;
         let mut sums = [[R::splat(simd, R::default()); T]; N];
         for n in 0..N {
-            if let Some(bias) = self.bias {
+            if let Some(bias) = self.bias.filter(|_| !begun) {
                 sums[n] = [R::splat(simd, bias[row + n]); T];
             }
-            if self.add {
+            if self.add || begun {
                 let start = (row + n) * self.pitch;
                 let out = &R::packs::<S>(&self.out[start..start + padded]).0[k..k + T];
                 for t in 0..T {
-                    sums[n][t] = R::plus(simd, sums[n][t], out[t]);
+                    sums[n][t] = if begun {
+                        out[t]
+                    } else {
+                        R::plus(simd, sums[n][t], out[t])
+                    };
                 }
             }
         }
-        let width = padded / R::packs::<S>(&self.x[..padded]).0.len();
-        let (first, len) = (k * width, T * width);
+        let len = T * (padded / R::packs::<S>(&self.x[..padded]).0.len());
+        let panel = panel[..inner.len() * len].chunks_exact(len);
         // A check of bounds for every element would take as long as the products.
         if self.matrix.columns == 1 {
             let mut w = [&self.matrix.data[..0]; N];
             for n in 0..N {
-                w[n] = &self.matrix.data[(row + n) * self.matrix.rows..][..self.inner];
+                w[n] = &self.matrix.data[(row + n) * self.matrix.rows..][inner.clone()];
             }
-            for i in 0..self.inner {
-                let x = &R::packs::<S>(&self.x[i * self.x_pitch + first..][..len]).0[..T];
+            for (i, x) in panel.enumerate() {
+                let x = &R::packs::<S>(x).0[..T];
                 for n in 0..N {
                     let w = R::splat(simd, w[n][i]);
                     for t in 0..T {
@@ -127,8 +180,8 @@ impl<R: Real> Product<'_, R> {
                 }
             }
         } else {
-            for i in 0..self.inner {
-                let x = &R::packs::<S>(&self.x[i * self.x_pitch + first..][..len]).0[..T];
+            for (i, x) in inner.zip(panel) {
+                let x = &R::packs::<S>(x).0[..T];
                 let w = &self.matrix.data[row + i * self.matrix.columns..][..N];
                 for n in 0..N {
                     let w = R::splat(simd, w[n]);
@@ -176,14 +229,34 @@ impl<R: Real> Kernel for Outer<'_, R> {
 }
 
 impl<R: Real> Outer<'_, R> {
+    /// The columns of some lanes, lane after lane; of several columns at once, so that what is written is next to each other.
     #[inline(always)]
-    fn some_lanes<S: Simd>(&mut self, simd: S, lanes: Range<usize>) {
-        for column in 0..self.columns {
+    fn transpose(&mut self, lanes: Range<usize>) {
+        const SIDE: usize = 16;
+        let whole = self.columns / SIDE * SIDE;
+        for first in (0..whole).step_by(SIDE) {
+            let mut x = [&self.x[..0]; SIDE];
+            for (i, x) in x.iter_mut().enumerate() {
+                *x = &self.x[(first + i) * self.x_pitch..][lanes.clone()];
+            }
+            for lane in 0..lanes.len() {
+                let to = &mut self.transposed[lane * self.columns + first..][..SIDE];
+                for i in 0..SIDE {
+                    to[i] = x[i][lane];
+                }
+            }
+        }
+        for column in whole..self.columns {
             let x = &self.x[column * self.x_pitch..][lanes.clone()];
             for (lane, x) in x.iter().enumerate() {
                 self.transposed[lane * self.columns + column] = *x;
             }
         }
+    }
+
+    #[inline(always)]
+    fn some_lanes<S: Simd>(&mut self, simd: S, lanes: Range<usize>) {
+        self.transpose(lanes.clone());
         let (packs, rest) = R::packs::<S>(&self.transposed[..self.columns]);
         let (packs, rest) = (packs.len(), rest.len());
         let mut row = 0;
@@ -203,9 +276,11 @@ impl<R: Real> Outer<'_, R> {
                 }
                 k += width;
             }
-            for row in row..row + height {
-                for column in self.columns - rest..self.columns {
-                    self.element::<S>(row, column, lanes.clone());
+            for column in self.columns - rest..self.columns {
+                match height {
+                    MANY_ROWS => self.column::<S, MANY_ROWS>(row, column, lanes.clone()),
+                    ROWS => self.column::<S, ROWS>(row, column, lanes.clone()),
+                    _ => self.column::<S, 1>(row, column, lanes.clone()),
                 }
             }
             row += height;
@@ -249,13 +324,23 @@ impl<R: Real> Outer<'_, R> {
         }
     }
 
+    /// `N` rows of a column that fills no register: sums side by side, since each waits for its own last addition only.
     #[inline(always)]
-    fn element<F: Fma>(&mut self, row: usize, column: usize, lanes: Range<usize>) {
-        let at = row * self.columns + column;
-        for (i, lane) in lanes.enumerate() {
-            let g = self.g[row * self.g_pitch + lane];
-            let x = self.transposed[i * self.columns + column];
-            self.sums[at] = g.mul_add::<F>(x, self.sums[at]);
+    fn column<F: Fma, const N: usize>(&mut self, row: usize, column: usize, lanes: Range<usize>) {
+        let mut g = [&self.g[..0]; N];
+        for n in 0..N {
+            g[n] = &self.g[(row + n) * self.g_pitch..][lanes.clone()];
+        }
+        let at = |n: usize| (row + n) * self.columns + column;
+        let mut sums: [R; N] = std::array::from_fn(|n| self.sums[at(n)]);
+        for lane in 0..lanes.len() {
+            let x = self.transposed[lane * self.columns + column];
+            for n in 0..N {
+                sums[n] = g[n][lane].mul_add::<F>(x, sums[n]);
+            }
+        }
+        for n in 0..N {
+            self.sums[(row + n) * self.columns + column] = sums[n];
         }
     }
 }
