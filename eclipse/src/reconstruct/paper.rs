@@ -3,7 +3,7 @@
 //!
 //! What differs from the printed text, and why, is settled by the renderer: the cosine is counted once, masks start at logit
 //! 5 because the gradient at 100 is zero in single precision, and samples tile the square for any number of rays. Batches are
-//! as small as the time asks for ([`plan`]), with the occluders' rate lowered to match ([`state`]), and rates fall at the end.
+//! as small as the time asks for ([`plan`]), with rates lowered to match, and they fall at the end ([`rates`]).
 
 pub mod batch;
 pub mod cells;

@@ -250,8 +250,8 @@ fn evidence(bench: &Bench<'_>, rows: &[Row], pictures: Vec<Picture>) -> Evidence
             format!(
                 "Four matt objects under six lamps, {} photographs of {} x {} pixels with somebody in the light; {} for lamps, noise and \
                  solver alike. The paper's algorithm on a small scale: {} iterations of {} pixels with {} rays each, where the paper has \
-                 2^16 pixels and 1024 rays. Learning rates are the paper's, 3e-3 of light and 1 of masks, the latter lowered by the square \
-                 root of the batch; they are the same in every variant. A variant is better where it is in every seed.",
+                 2^16 pixels and 1024 rays. Learning rates are the paper's, 3e-3 of light and 1 of masks, lowered by the square root of \
+                 the batch; they are the same in every variant. A variant is better where it is in every seed.",
                 setup.frames,
                 setup.resolution,
                 setup.resolution,

@@ -186,8 +186,8 @@ impl<'a> Problem<'a> {
         }
         let progress = plan::progress(self.settings, state.iteration, seconds);
         let from_start = self.settings.from.is_some();
-        let share = rates::share(progress, from_start);
-        state.step(&gradients, share, rates::occluder_share(from_start), loss);
+        let shares = rates::shares(progress, from_start, state.plan.pixels);
+        state.step(&gradients, shares, loss);
         Ok(samples)
     }
 

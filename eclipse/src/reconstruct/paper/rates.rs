@@ -1,5 +1,7 @@
 //! Learning rates over a run, as shares of the paper's.
 
+use super::plan::MOST_PIXELS;
+
 /// Share at a start from another solver's result: what it knows must not be shaken off.
 const START_SHARE: f64 = 0.1;
 /// Further share of the occluders' rate at a start: a step of theirs changes logits by far more than one of light or materials,
@@ -27,12 +29,33 @@ pub fn share(progress: f64, from_start: bool) -> f32 {
     share as f32
 }
 
-/// The occluders' part of [`share`].
-pub fn occluder_share(from_start: bool) -> f32 {
+/// The shares of one iteration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shares {
+    /// Of the rate of light and materials.
+    pub own: f32,
+    /// Of the rate of occluders.
+    pub occluders: f32,
+}
+
+/// The shares at a `progress` of [0, 1] with batches of so many pixels.
+///
+/// Smaller batches than the paper's lower them by the square root of their size (Malladi et al., NeurIPS 2022). Where noise decides the
+/// sign of a step, unknowns walk at random as far as their rate allows: masks end up anyhow, and light, whose levels add up, runs away
+/// from the albedo. From a start light and materials have a tenth of their rate already, and keep that.
+pub fn shares(progress: f64, from_start: bool, pixels: u64) -> Shares {
+    let share = share(progress, from_start);
+    let of_batch = (pixels as f32 / MOST_PIXELS as f32).sqrt();
     if from_start {
-        START_OCCLUDER_SHARE
+        Shares {
+            own: share,
+            occluders: share * of_batch * START_OCCLUDER_SHARE,
+        }
     } else {
-        1.0
+        Shares {
+            own: share * of_batch,
+            occluders: share * of_batch,
+        }
     }
 }
 
@@ -56,5 +79,22 @@ mod tests {
         assert!(shares.iter().all(|&s| s <= 0.1));
         assert!(shares[1..].windows(2).all(|w| w[1] < w[0]));
         assert!((shares[50] - 1e-3).abs() < 1e-6);
+    }
+
+    #[test]
+    fn small_batches_take_short_steps_and_the_papers_its_own() {
+        let all = Shares {
+            own: 1.0,
+            occluders: 1.0,
+        };
+        assert_eq!(shares(0.0, false, MOST_PIXELS), all);
+        let quarter = Shares {
+            own: 0.25,
+            occluders: 0.25,
+        };
+        assert_eq!(shares(0.5, false, MOST_PIXELS / 16), quarter);
+        let started = shares(0.5, true, MOST_PIXELS / 16);
+        assert!((started.own - share(0.5, true)).abs() < 1e-9);
+        assert!((started.occluders - 0.025 * started.own).abs() < 1e-9);
     }
 }

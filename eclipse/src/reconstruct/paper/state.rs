@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use render::{estimator::Unknowns, materials::MaterialNetwork};
 
-use super::plan::{MOST_PIXELS, Plan};
+use super::{plan::Plan, rates::Shares};
 use crate::{
     checkpoint::{Array, Checkpoint, CheckpointError},
     reconstruct::adam::Adam,
@@ -60,9 +60,8 @@ impl State {
         }
     }
 
-    /// Takes a step of Adam along `gradients`, at `share` of the learning rates, of which the occluders' has `occluder_share`, and
-    /// notes the batch's loss.
-    pub fn step(&mut self, gradients: &Unknowns, share: f32, occluder_share: f32, loss: f64) {
+    /// Takes a step of Adam along `gradients`, at these shares of the learning rates, and notes the batch's loss.
+    pub fn step(&mut self, gradients: &Unknowns, shares: Shares, loss: f64) {
         self.iteration += 1;
         let step = self.iteration;
         let [environment, occluders, network] = &mut self.moments;
@@ -70,20 +69,20 @@ impl State {
         environment.step(
             &mut unknowns.environment,
             &gradients.environment,
-            RATE * share,
+            RATE * shares.own,
             step,
         );
         occluders.step(
             &mut unknowns.occluders,
             &gradients.occluders,
-            occluder_rate(self.plan) * share * occluder_share,
+            OCCLUDER_RATE * shares.occluders,
             step,
         );
         let mut weights = flatten(&unknowns.network);
         network.step(
             &mut weights,
             &flatten(&gradients.network),
-            RATE * share,
+            RATE * shares.own,
             step,
         );
         unflatten(&weights, &mut unknowns.network);
@@ -175,14 +174,6 @@ pub fn plan(checkpoint: &Checkpoint) -> Result<Plan, CheckpointError> {
         cells: counters[2],
         side: counters[3],
     })
-}
-
-/// The occluders' rate for smaller batches, by the square root of their size (Malladi et al., NeurIPS 2022).
-///
-/// A step of 1 in each of 625 coefficients changes a logit by about 7: where noise decides the sign, masks end up random.
-/// Light and materials move little in a step, and keep their rate.
-fn occluder_rate(plan: Plan) -> f32 {
-    OCCLUDER_RATE * (plan.pixels as f32 / MOST_PIXELS as f32).sqrt()
 }
 
 /// All weights and biases in the order of the layers.
