@@ -85,6 +85,7 @@ pub fn run(
         plan: Plan::of(capture, settings, control.resume)?,
         began,
         before: 0.0,
+        ready: 0.0,
         curve: Vec::new(),
         ended: Ended::Converged,
         failed: None,
@@ -129,6 +130,9 @@ pub fn run(
         } = fast::prepare(&problem, &surface, &stage, &used)?;
         if observations.views.is_empty() {
             return Err(ReconstructError::NothingToFit);
+        }
+        if (first, round) == (0, 0) {
+            run.ready = run.seconds();
         }
         let mut resumed = start.is_some();
         let light = shared.ranges()[0].len();
@@ -197,7 +201,7 @@ pub fn run(
         }
         last = Some((observations, shared, from.z));
         // The coarse stage's share of the time may be over while the run's is not.
-        let end = LAST_STAGE.end(settings.time_limit.unwrap_or(f64::INFINITY));
+        let end = LAST_STAGE.end(settings.time_limit.unwrap_or(f64::INFINITY), run.ready);
         let goes_on =
             run.ended == Ended::TimeLimit && first + 1 < LEGS.len() && run.seconds() < end;
         if run.ended != Ended::Converged && !goes_on {
@@ -265,6 +269,8 @@ struct Run<'a> {
     began: Instant,
     /// Seconds spent before a continuation.
     before: f64,
+    /// Seconds spent when the first step could begin; zero in a continuation past it.
+    ready: f64,
     curve: Vec<CurvePoint>,
     ended: Ended,
     failed: Option<CheckpointError>,
@@ -361,7 +367,7 @@ impl Run<'_> {
             return Some(Ended::Iterations);
         }
         let limit = self.settings.time_limit?;
-        (self.seconds() + step > place.end(limit)).then_some(Ended::TimeLimit)
+        (self.seconds() + step > place.end(limit, self.ready)).then_some(Ended::TimeLimit)
     }
 
     /// Occluders at `z`, if modelled.

@@ -14,6 +14,12 @@ use crate::{
 
 /// About the share of the grid of light that a point of a surface looks at, and that is not behind the object.
 const SEEN: f64 = 0.47;
+/// Share of a time limit that may go into what sites see. More, and short runs end before their first step.
+const VISIBILITY_SHARE: f64 = 0.2;
+/// Rays from a site to each texel of the grid of light that it looks at.
+const RAYS_A_TEXEL: f64 = 4.0;
+/// Rays that two cores cast in a second: as a number and not measured, so that a plan follows from settings alone.
+const RAYS_PER_SECOND: f64 = 5e6;
 /// Fewer sites or patches than this say too little about light.
 const LEAST: [usize; 2] = [500, 150];
 
@@ -44,8 +50,9 @@ pub(super) struct Plan {
 impl Plan {
     /// The finest that fits into the settings' memory; where even the coarsest does not, that, which [`check_memory`] refuses.
     pub(super) fn new(capture: &Capture, settings: &Settings, largest: &Stage) -> Self {
+        let sites = surface::sites_for(&capture.frames);
         let mut plan = Self {
-            sites: surface::sites_for(&capture.frames),
+            sites: sites.min(sites_in_time(settings).max(LEAST[0])),
             patches: largest.patches,
         };
         while plan.bytes(capture, settings) > settings.memory
@@ -92,6 +99,16 @@ impl Plan {
     }
 }
 
+/// Sites whose view of the light is cast in their share of the time limit.
+fn sites_in_time(settings: &Settings) -> usize {
+    let Some(seconds) = settings.time_limit else {
+        return usize::MAX;
+    };
+    let texels = LatLong::new(settings.grid_rows, 2 * settings.grid_rows).len() as f64;
+    let seconds_a_site = texels * SEEN * RAYS_A_TEXEL / RAYS_PER_SECOND;
+    (VISIBILITY_SHARE * seconds / seconds_a_site) as usize
+}
+
 #[cfg(test)]
 mod tests {
     use glam::Vec3;
@@ -115,6 +132,27 @@ mod tests {
             centre: Vec3::ZERO,
             lamps: None,
         }
+    }
+
+    #[test]
+    fn short_runs_have_fewer_sites() {
+        let with = |seconds: Option<f64>| {
+            sites_in_time(&Settings {
+                time_limit: seconds,
+                ..Settings::default()
+            })
+        };
+        let (short, usual) = (with(Some(30.0)), with(Some(120.0)));
+        assert!((3_000..3_500).contains(&short) && (12_000..14_000).contains(&usual));
+        assert_eq!(with(None), usize::MAX);
+        assert_eq!(with(Some(0.0)), 0);
+        // A finer light takes more rays.
+        let fine = Settings {
+            time_limit: Some(30.0),
+            grid_rows: 100,
+            ..Settings::default()
+        };
+        assert_eq!(sites_in_time(&fine), short / 4);
     }
 
     #[test]

@@ -43,6 +43,8 @@ pub(super) const LEGS: [Leg; 2] = [
 pub(super) const ROUND_DAMPING: f32 = 300.0;
 /// Share of the time limit after which the coarse stage ends.
 const COARSE_SHARE: f64 = 0.4;
+/// Share that it has at least of what is left when it can begin: from nothing, the fine stage finds nothing.
+const LEAST_COARSE_SHARE: f64 = 0.25;
 /// Share of the time limit kept for materials and images, and seconds that suffice for them.
 const FINISH: (f64, f64) = (0.15, 45.0);
 
@@ -58,14 +60,31 @@ impl Place {
         self.stage + 1 == LEGS.len()
     }
 
-    /// Seconds of a limit after which the steps of the stage end.
-    pub(super) fn end(self, limit: f64) -> f64 {
+    /// Seconds of a limit after which the steps of the stage end, in a run whose first step could begin after `ready` of them.
+    pub(super) fn end(self, limit: f64, ready: f64) -> f64 {
         // Standard deviations come last and take a share of all that was spent before.
         let all = limit / (1.0 + DEVIATIONS) - (FINISH.0 * limit).min(FINISH.1);
         if self.is_last_stage() {
             all
         } else {
-            COARSE_SHARE * all
+            (COARSE_SHARE * all).max(ready + LEAST_COARSE_SHARE * (all - ready).max(0.0))
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_coarse_stage_has_time_however_late_it_begins() {
+        let [coarse, fine] = [0, 1].map(|stage| Place { stage, round: 0 });
+        let all = fine.end(100.0, 0.0);
+        assert_eq!(fine.end(100.0, 60.0), all);
+        assert_eq!(coarse.end(100.0, 10.0), COARSE_SHARE * all);
+        let late = coarse.end(100.0, 60.0);
+        assert!(late > 60.0 && late < all);
+        // What is over is over.
+        assert_eq!(coarse.end(100.0, 100.0), 100.0);
     }
 }
