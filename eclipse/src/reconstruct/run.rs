@@ -16,6 +16,7 @@ mod uncertainty;
 
 pub use error::ReconstructError;
 use frames::Frames;
+use kept::check_length;
 pub use kept::{memory, memory_to_resume};
 use plan::Plan;
 pub use plan::check_memory;
@@ -218,17 +219,6 @@ pub fn run(
         );
     }
     Ok(found)
-}
-
-fn check_length(z: Option<&Vec<f32>>, expected: usize) -> Result<(), CheckpointError> {
-    match z {
-        Some(z) if z.len() != expected => Err(CheckpointError::Array {
-            name: "z".into(),
-            expected: format!("{expected} f32"),
-            found: format!("{} f32", z.len()),
-        }),
-        _ => Ok(()),
-    }
 }
 
 /// How well `renders` of all frames explain the photographs of `capture`.

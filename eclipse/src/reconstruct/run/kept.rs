@@ -92,6 +92,18 @@ impl Plan {
     }
 }
 
+/// Refuses unknowns of another length than the run's.
+pub(super) fn check_length(z: Option<&Vec<f32>>, expected: usize) -> Result<(), CheckpointError> {
+    match z {
+        Some(z) if z.len() != expected => Err(CheckpointError::Array {
+            name: "z".into(),
+            expected: format!("{expected} f32"),
+            found: format!("{} f32", z.len()),
+        }),
+        _ => Ok(()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeMap;
