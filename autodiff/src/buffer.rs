@@ -6,11 +6,7 @@ use crate::real::Real;
 const LINE: usize = 64;
 
 /// A fixed-length array whose first element starts a cache line, so that vector loads never straddle two.
-///
-/// Neither its elements nor this handle, which moves in and out of kernels, share a cache line with anything else, so that
-/// threads that write to neighbours do not wait for each other.
 #[derive(Clone, Debug, Default)]
-#[repr(align(64))]
 pub(crate) struct Buffer<R> {
     storage: Vec<R>,
     start: usize,
@@ -21,7 +17,7 @@ impl<R: Real> Buffer<R> {
     /// An array of zeros.
     pub fn zeros(len: usize) -> Self {
         let padding = LINE / size_of::<R>();
-        let storage = vec![R::default(); Self::stored(len)];
+        let storage = vec![R::default(); if len == 0 { 0 } else { len + padding }];
         let start = if len == 0 {
             0
         } else {
@@ -60,15 +56,9 @@ impl<R: Real> Buffer<R> {
 
     /// Heap bytes of an array of `len` elements.
     pub fn bytes_for(len: usize) -> usize {
-        Self::stored(len).saturating_mul(size_of::<R>())
-    }
-
-    /// Elements held for `len` of them: whole cache lines, and one to start on a line.
-    fn stored(len: usize) -> usize {
-        let line = LINE / size_of::<R>();
         match len {
             0 => 0,
-            len => len.saturating_add(2 * line - 1) / line * line,
+            len => len.saturating_mul(size_of::<R>()).saturating_add(LINE),
         }
     }
 

@@ -111,7 +111,6 @@ pub(super) struct Lanes {
 }
 
 /// The arena of one thread.
-#[repr(align(128))]
 pub(super) struct Worker<R> {
     pub values: Vec<Buffer<R>>,
     pub tangents: Vec<Buffer<R>>,

@@ -78,7 +78,6 @@ pub(super) fn widest(program: &Program, extent: &Extent, phase: &Phase) -> usize
 
 /// Private results of one chunk, gathered into whole arrays after the phase.
 #[derive(Debug)]
-#[repr(align(128))]
 pub(super) struct Chunk<R> {
     pub span: Span,
     pub store: Vec<Buffer<R>>,

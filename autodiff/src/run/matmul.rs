@@ -77,8 +77,8 @@ impl<R: Real> Kernel for Product<'_, R> {
         // Lanes outside, rows inside: a tile of `x` is in L1 for all rows.
         while k < packs {
             let width = if k + TILE <= packs { TILE } else { 1 };
-            let mut start = 0;
-            loop {
+            // Without channels there is still a bias.
+            for start in (0..self.inner.max(1)).step_by(DEPTH) {
                 let inner = start..self.inner.min(start + DEPTH);
                 self.copy(
                     k * padded / packs,
@@ -87,10 +87,6 @@ impl<R: Real> Kernel for Product<'_, R> {
                     &mut panel.0,
                 );
                 self.rows(simd, (k, width), padded, inner, &panel.0);
-                start += DEPTH;
-                if start >= self.inner {
-                    break;
-                }
             }
             k += width;
         }

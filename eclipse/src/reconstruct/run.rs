@@ -21,7 +21,7 @@ pub use kept::{memory, memory_to_resume};
 use plan::Plan;
 pub use plan::check_memory;
 use round::RoundStart;
-use schedule::{LEGS, Place, ROUND_DAMPING};
+use schedule::{LEGS, Place, ROUND_DAMPING, end_of_steps};
 
 use super::{
     fast::{self, Prepared, Problem, Stage, Start},
@@ -41,11 +41,6 @@ use crate::{
     settings::{Preset, Settings},
 };
 
-/// The end of the work, wherever a run stands.
-const LAST_STAGE: Place = Place {
-    stage: LEGS.len() - 1,
-    round: 0,
-};
 /// A step that lowers the cost by less than this share of it is as good as none.
 const CONVERGED: f64 = 3e-5;
 
@@ -202,7 +197,7 @@ pub fn run(
         }
         last = Some((observations, shared, from.z));
         // The coarse stage's share of the time may be over while the run's is not.
-        let end = LAST_STAGE.end(settings.time_limit.unwrap_or(f64::INFINITY), run.ready);
+        let end = end_of_steps(settings.time_limit.unwrap_or(f64::INFINITY));
         let goes_on =
             run.ended == Ended::TimeLimit && first + 1 < LEGS.len() && run.seconds() < end;
         if run.ended != Ended::Converged && !goes_on {

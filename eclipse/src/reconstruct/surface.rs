@@ -22,6 +22,8 @@ use crate::{capture::Frame, reconstruction::Noise};
 const MODEL_ERROR: f32 = 0.03;
 /// Most sites: each keeps a row of some ten kilobytes.
 const MOST_SITES: usize = 10_000;
+/// Rays from a site to a texel of the grid of light, along a side.
+pub const SIDE: usize = 2;
 
 /// Sites, what was seen of them, and their transport rows.
 pub struct Surface {
@@ -53,7 +55,7 @@ impl Surface {
             model_error: MODEL_ERROR,
         };
         let seen = Observations::gather(bvh, frames, noise, &options, seed, used);
-        let quadrature = Quadrature::new(grid, 2);
+        let quadrature = Quadrature::new(grid, SIDE);
         let rows = seen
             .patches
             .par_iter()
@@ -123,7 +125,7 @@ impl Surface {
                 grid.bilinear(self.grid.texel_direction(row, column))
             })
             .collect();
-        let quadrature = Quadrature::new(grid, 2);
+        let quadrature = Quadrature::new(grid, SIDE);
         let row_of = |(patch, members): (&Patch, &Vec<(usize, f32)>)| {
             let total: f32 = members.iter().map(|(_, pixels)| pixels).sum();
             if total == 0.0 {

@@ -42,7 +42,7 @@ const MOST_CELLS: u64 = 40_000;
 /// With fewer cells shadows would be too coarse: rays are cast instead.
 const LEAST_CELLS: u64 = 400;
 /// Shadow rays that one core casts in a second.
-const RAYS_PER_SECOND: f64 = 2.5e6;
+pub const RAYS_PER_SECOND: f64 = 2.5e6;
 /// Share of one core's time that may go into the cache of what cells see.
 const CACHE_SHARE: f64 = 0.15;
 /// Bytes of the capture's mesh and its hierarchy for each face.

@@ -3,7 +3,7 @@
 use render::lat_long::LatLong;
 
 use super::{
-    super::{fast::Stage, shell::Shells, surface},
+    super::{fast::Stage, paper::plan::RAYS_PER_SECOND, shell::Shells, surface},
     ReconstructError, memory,
     uncertainty::MOST_PRODUCTS,
 };
@@ -16,10 +16,8 @@ use crate::{
 const SEEN: f64 = 0.47;
 /// Share of a time limit that may go into what sites see. More, and short runs end before their first step.
 const VISIBILITY_SHARE: f64 = 0.2;
-/// Rays from a site to each texel of the grid of light that it looks at.
-const RAYS_A_TEXEL: f64 = 4.0;
-/// Rays that two cores cast in a second: as a number and not measured, so that a plan follows from settings alone.
-const RAYS_PER_SECOND: f64 = 5e6;
+/// Cores that the plan counts on: as a number and not the machine's, so that it follows from settings alone.
+const CORES: f64 = 2.0;
 /// Fewer sites or patches than this say too little about light.
 const LEAST: [usize; 2] = [500, 150];
 
@@ -105,7 +103,8 @@ fn sites_in_time(settings: &Settings) -> usize {
         return usize::MAX;
     };
     let texels = LatLong::new(settings.grid_rows, 2 * settings.grid_rows).len() as f64;
-    let seconds_a_site = texels * SEEN * RAYS_A_TEXEL / RAYS_PER_SECOND;
+    let rays = texels * SEEN * surface::SIDE.pow(2) as f64;
+    let seconds_a_site = rays / (CORES * RAYS_PER_SECOND);
     (VISIBILITY_SHARE * seconds / seconds_a_site) as usize
 }
 

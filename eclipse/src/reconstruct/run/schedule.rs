@@ -62,14 +62,19 @@ impl Place {
 
     /// Seconds of a limit after which the steps of the stage end, in a run whose first step could begin after `ready` of them.
     pub(super) fn end(self, limit: f64, ready: f64) -> f64 {
-        // Standard deviations come last and take a share of all that was spent before.
-        let all = limit / (1.0 + DEVIATIONS) - (FINISH.0 * limit).min(FINISH.1);
+        let all = end_of_steps(limit);
         if self.is_last_stage() {
             all
         } else {
             (COARSE_SHARE * all).max(ready + LEAST_COARSE_SHARE * (all - ready).max(0.0))
         }
     }
+}
+
+/// Seconds of a limit after which all steps end.
+pub(super) fn end_of_steps(limit: f64) -> f64 {
+    // Standard deviations come last and take a share of all that was spent before.
+    limit / (1.0 + DEVIATIONS) - (FINISH.0 * limit).min(FINISH.1)
 }
 
 #[cfg(test)]
@@ -79,7 +84,8 @@ mod tests {
     #[test]
     fn the_coarse_stage_has_time_however_late_it_begins() {
         let [coarse, fine] = [0, 1].map(|stage| Place { stage, round: 0 });
-        let all = fine.end(100.0, 0.0);
+        let all = end_of_steps(100.0);
+        assert_eq!(fine.end(100.0, 0.0), all);
         assert_eq!(fine.end(100.0, 60.0), all);
         assert_eq!(coarse.end(100.0, 10.0), COARSE_SHARE * all);
         let late = coarse.end(100.0, 60.0);
