@@ -16,7 +16,10 @@ use eclipse::{
     settings::Settings,
     synthesize::{Occluders, Pattern, Scene, Shooting, synthesize},
 };
-use eclipse_tests::scenes::{add_sphere, interior};
+use eclipse_tests::{
+    LITTLE_MEMORY,
+    scenes::{add_sphere, interior},
+};
 use glam::Vec3;
 use render::{bsdf::Model, image::Image, lat_long::LatLong, mesh::Mesh};
 
@@ -68,6 +71,7 @@ fn settings(with: &[&str]) -> Settings {
         occluders: false,
         time_limit: None,
         iterations: Some(8),
+        memory: LITTLE_MEMORY,
         with: with.iter().map(|name| (*name).to_owned()).collect(),
         ..Settings::default()
     }

@@ -12,7 +12,7 @@ use eclipse::{
     settings::{OccluderPrior, Settings},
     synthesize::{Occluders, Pattern, Scene, Shooting, synthesize},
 };
-use eclipse_tests::{perfect::bundled, scenes};
+use eclipse_tests::{LITTLE_MEMORY, perfect::bundled, scenes};
 use render::{bsdf::Model, lat_long::LatLong};
 
 /// What a few steps recover of a matte object, occluders modelled or not.
@@ -22,6 +22,7 @@ fn recovered(capture: &Capture, occluders: bool, iterations: u64) -> Reconstruct
         occluders,
         time_limit: None,
         iterations: Some(iterations),
+        memory: LITTLE_MEMORY,
         ..Settings::default()
     };
     reconstruct::run(capture, &settings, &Control::detached()).unwrap()
@@ -60,6 +61,7 @@ fn of_held_out(occluders: bool, occluder_prior: OccluderPrior) -> Reconstruction
         hold_out: Some(4),
         time_limit: None,
         iterations: Some(8),
+        memory: LITTLE_MEMORY,
         ..Settings::default()
     };
     let capture = pair(Occluders::Operator);

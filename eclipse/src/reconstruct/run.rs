@@ -8,6 +8,7 @@ mod error;
 mod evidence;
 mod frames;
 mod kept;
+mod pace;
 mod plan;
 mod round;
 mod schedule;
@@ -18,6 +19,7 @@ pub use error::ReconstructError;
 use frames::Frames;
 use kept::check_length;
 pub use kept::{memory, memory_to_resume};
+use pace::Pace;
 use plan::Plan;
 pub use plan::check_memory;
 use round::RoundStart;
@@ -82,6 +84,7 @@ pub fn run(
         began,
         before: 0.0,
         ready: 0.0,
+        pace: Pace::default(),
         curve: Vec::new(),
         ended: Ended::Converged,
         failed: None,
@@ -114,16 +117,24 @@ pub fn run(
     };
     let mut last: Option<(Observations, Shared, Vec<f32>)> = None;
     while first < LEGS.len() {
-        let (leg, mut stage) = (&LEGS[first], LEGS[first].stage);
+        let (leg, stage) = (&LEGS[first], run.stage(first));
         let rounds = leg.held.len();
-        stage.rows = stage.rows.min(settings.grid_rows);
-        stage.patches = stage.patches.min(run.plan.patches);
+        let at = |round| Place {
+            stage: first,
+            round,
+        };
+        if last.is_some() && run.is_too_late_for(at(0), run.pace.stage(&stage)) {
+            run.ended = Ended::TimeLimit;
+            break;
+        }
         run.report("visibility of the surface", f64::NAN, 0.0);
+        let stage_began = Instant::now();
         let Prepared {
             observations,
             patch_of_site,
             mut shared,
         } = fast::prepare(&problem, &surface, &stage, &used)?;
+        run.pace.stage_took(stage_began.elapsed().as_secs_f64());
         if observations.views.is_empty() {
             return Err(ReconstructError::NothingToFit);
         }
@@ -154,7 +165,12 @@ pub fn run(
         while round < rounds {
             // The very first steps are far from everything: patches alone will do.
             if (first, round) != (0, 0) {
+                if !resumed && run.is_too_late_for(at(round), run.pace.round(&stage)) {
+                    run.ended = Ended::TimeLimit;
+                    break;
+                }
                 run.report("finer model", f64::NAN, 0.0);
+                let round_began = Instant::now();
                 let before = run.round.take();
                 let lobe = before.as_ref().and_then(|begun| begun.lobe);
                 let (z, known, before) = match &before {
@@ -169,16 +185,13 @@ pub fn run(
                     known,
                     before,
                 )?;
+                run.pace.round_took(round_began.elapsed().as_secs_f64());
                 shared.fit_to(&observations, &data);
                 run.round = Some(begun);
             }
             resumed = false;
             shared.sky.withhold(leg.held[round]);
-            let place = Place {
-                stage: first,
-                round,
-            };
-            let (z, damping) = run.steps(leg.name, place, &stage, &shared, from)?;
+            let (z, damping) = run.steps(leg.name, at(round), &stage, &shared, from)?;
             round += 1;
             from = Start {
                 damping: damping.max(ROUND_DAMPING),
@@ -256,6 +269,7 @@ struct Run<'a> {
     before: f64,
     /// Seconds spent when the first step could begin; zero in a continuation past it.
     ready: f64,
+    pace: Pace,
     curve: Vec<CurvePoint>,
     ended: Ended,
     failed: Option<CheckpointError>,
@@ -293,7 +307,7 @@ impl Run<'_> {
         start: Start,
     ) -> Result<(Vec<f32>, f32), ReconstructError> {
         self.ended = Ended::Converged;
-        if let Some(ended) = self.due(place, 0.0) {
+        if let Some(ended) = self.due(place, self.pace.step(stage)) {
             self.ended = ended;
             return Ok((start.z, start.damping));
         }
@@ -306,6 +320,7 @@ impl Run<'_> {
         let solution = fast::solve(shared, stage, start, &mut |step| {
             let took = step_began.elapsed().as_secs_f64();
             step_began = Instant::now();
+            self.pace.step_took(stage, took);
             // A step is one product a direction of descent, forth and back, and a fresh pass over the data.
             let rate = shared.samples as f64 * (2.0 * stage.products as f64 + 4.0) / took;
             self.curve.push(CurvePoint {
@@ -337,22 +352,6 @@ impl Run<'_> {
             Some(error) => Err(error.into()),
             None => Ok((solution.z, solution.damping)),
         }
-    }
-
-    /// Why no further step may be taken, when the last took `step` seconds.
-    fn due(&self, place: Place, step: f64) -> Option<Ended> {
-        if self.control.stopped() {
-            return Some(Ended::Interrupted);
-        }
-        if self
-            .settings
-            .iterations
-            .is_some_and(|n| self.iteration() >= n)
-        {
-            return Some(Ended::Iterations);
-        }
-        let limit = self.settings.time_limit?;
-        (self.seconds() + step > place.end(limit, self.ready)).then_some(Ended::TimeLimit)
     }
 
     /// Occluders at `z`, if modelled.
