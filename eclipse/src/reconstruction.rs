@@ -53,6 +53,19 @@ pub struct Uncertainty {
     pub summary: UncertaintySummary,
 }
 
+impl Reconstruction {
+    /// Seconds that the run took: as its metrics tell, else until its last step.
+    pub fn seconds(&self) -> f64 {
+        let told = self
+            .metrics
+            .extra
+            .get("seconds")
+            .and_then(serde_json::Value::as_f64);
+        let last = self.curve.last();
+        told.unwrap_or_else(|| last.map_or(0.0, |last| last.seconds))
+    }
+}
+
 impl Default for Uncertainty {
     fn default() -> Self {
         Self {

@@ -1,8 +1,10 @@
 //! `eclipse reconstruct`.
 
 mod limit;
+mod place;
 pub(super) mod reading;
 mod resume;
+mod summary;
 
 use std::{
     ffi::OsString,
@@ -15,7 +17,7 @@ use clap::{Args, ValueEnum};
 use render::image::Image;
 use serde_json::json;
 
-use self::resume::Chosen;
+use self::{resume::Chosen, summary::summary};
 use super::{
     Failure, Outcome, arguments::ReadingArguments, print, shown::ProgressArguments,
     stop_on_interrupt, taken, units,
@@ -25,10 +27,10 @@ use crate::{
     checkpoint,
     control::Control,
     joint::{self, JointError},
-    layout, output,
+    output,
     progress::{Dashboard, ProgressDisplay, Style, say},
     reconstruct,
-    reconstruction::{Ended, Reconstruction},
+    reconstruction::Ended,
     report::{ReportOptions, radiance},
     settings::{OccluderPrior, Preset, Settings},
 };
@@ -142,6 +144,7 @@ pub(super) fn run(
     if let Some(from) = settings.from.as_ref().filter(|_| !arguments.resume) {
         reconstruct::paper::start::check(from, &capture).map_err(Failure::bad_input)?;
     }
+    place::check(&folder, &arguments.capture)?;
     let _lock = taken(&folder)?;
     // Again, now that nobody else can write it.
     let resumed = arguments.resume.then(|| checkpoint::load(&folder));
@@ -165,13 +168,8 @@ pub(super) fn run(
         false => arguments.progress.style(arguments.json),
     };
     announce(&capture, settings, planned, style);
-    if !arguments.resume && style == Style::Bar && checkpoint::is_in(&folder) {
-        // Ctrl-C before the first step leaves all as it is.
-        let _ = writeln!(
-            std::io::stderr(),
-            "{} holds an earlier run, which this one begins to write over with its first step; --resume goes on with it instead",
-            folder.display()
-        );
+    if !arguments.resume && checkpoint::is_in(&folder) {
+        warn_of_earlier(&folder, style);
     }
     let display = ProgressDisplay::new(settings, style);
     let dashboard = arguments.dashboard(settings)?;
@@ -248,33 +246,19 @@ fn announce(capture: &Capture, settings: &Settings, planned: u64, style: Style) 
     }
 }
 
-/// What is printed at the end.
-fn summary(folder: &Path, solved: &Reconstruction, as_json: bool) -> String {
-    if as_json {
-        let summary = json!({
-            "out": folder,
-            "ended": solved.ended,
-            "metrics": solved.metrics,
-            "notes": solved.notes,
-        });
-        return format!("{summary:#}\n");
+/// Said even where progress is not shown: results are about to be lost.
+fn warn_of_earlier(folder: &Path, style: Style) {
+    // Ctrl-C before the first step leaves all as it is.
+    let warning = format!(
+        "{} holds an earlier run, which this one begins to write over with its first step; --resume goes on with it instead",
+        folder.display()
+    );
+    match style {
+        Style::Lines => say(&json!({ "event": "warning", "message": warning })),
+        Style::Bar | Style::Hidden => {
+            let _ = writeln!(std::io::stderr(), "{warning}");
+        }
     }
-    let mut text = String::new();
-    let photometric = solved.metrics.photometric;
-    let numbers = [
-        ("PSNR", photometric.psnr),
-        ("PSNR, held out", photometric.psnr_held_out),
-    ];
-    for (name, value) in numbers {
-        text += &value.map_or(String::new(), |value| format!("{name} {value:.2} dB\n"));
-    }
-    for note in &solved.notes {
-        text += &format!("note: {note}\n");
-    }
-    if solved.ended == Ended::Interrupted {
-        text += "interrupted; continue with --resume\n";
-    }
-    text + &format!("wrote {}\n", folder.join(layout::REPORT).display())
 }
 
 /// The command as a shell would take it, without `--resume`, but with the options that it `inherited`: a repeat starts afresh.

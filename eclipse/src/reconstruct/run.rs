@@ -1,6 +1,6 @@
 //! A whole reconstruction: noise, stages coarse to fine, materials and images, scores and remarks.
 
-use std::{collections::BTreeMap, time::Instant};
+use std::time::Instant;
 
 use render::{bvh::Bvh, image::Image, lat_long::LatLong};
 
@@ -8,6 +8,7 @@ mod error;
 mod evidence;
 mod frames;
 mod kept;
+mod outcome;
 mod pace;
 mod plan;
 mod round;
@@ -27,8 +28,7 @@ use schedule::{LEGS, Place, ROUND_DAMPING, end_of_steps};
 
 use super::{
     fast::{self, Prepared, Problem, Stage, Start},
-    finish::{self, Found},
-    hold_out,
+    finish, hold_out,
     model::Shared,
     noise, paper,
     patches::Observations,
@@ -39,7 +39,7 @@ use crate::{
     capture::Capture,
     checkpoint::{CheckpointError, fingerprint},
     control::{Control, Progress},
-    reconstruction::{CurvePoint, Ended, Metrics, Noise, Photometric, Reconstruction},
+    reconstruction::{CurvePoint, Ended, Noise, Photometric, Reconstruction},
     settings::{Preset, Settings},
 };
 
@@ -85,6 +85,7 @@ pub fn run(
         before: 0.0,
         ready: 0.0,
         pace: Pace::default(),
+        reached: 0,
         curve: Vec::new(),
         ended: Ended::Converged,
         failed: None,
@@ -270,6 +271,8 @@ struct Run<'a> {
     /// Seconds spent when the first step could begin; zero in a continuation past it.
     ready: f64,
     pace: Pace,
+    /// The last stage that has had a step.
+    reached: usize,
     curve: Vec<CurvePoint>,
     ended: Ended,
     failed: Option<CheckpointError>,
@@ -307,6 +310,9 @@ impl Run<'_> {
         start: Start,
     ) -> Result<(Vec<f32>, f32), ReconstructError> {
         self.ended = Ended::Converged;
+        if start.step > 0 {
+            self.reached = place.stage;
+        }
         if let Some(ended) = self.due(place, self.pace.step(stage)) {
             self.ended = ended;
             return Ok((start.z, start.damping));
@@ -321,6 +327,7 @@ impl Run<'_> {
             let took = step_began.elapsed().as_secs_f64();
             step_began = Instant::now();
             self.pace.step_took(stage, took);
+            self.reached = place.stage;
             // A step is one product a direction of descent, forth and back, and a fresh pass over the data.
             let rate = shared.samples as f64 * (2.0 * stage.products as f64 + 4.0) / took;
             self.curve.push(CurvePoint {
@@ -365,75 +372,5 @@ impl Run<'_> {
                 share,
             )
         }))
-    }
-
-    /// Materials, images, scores and remarks.
-    fn finish(
-        &self,
-        bvh: &Bvh,
-        surface: &Surface,
-        chosen: &Frames,
-        shared: &Shared,
-        z: &[f32],
-    ) -> Result<Reconstruction, ReconstructError> {
-        self.report("materials and renders", f64::NAN, 0.0);
-        let rows = self.settings.grid_rows;
-        let radiance = shared.linearise(z)?.0.radiance()?;
-        let environment = finish::environment(shared.grid, &radiance, rows);
-        let frames = &self.capture.frames;
-        let lobe = self.round.as_ref().and_then(|begun| begun.lobe);
-        let found = Found {
-            bvh,
-            surface,
-            frames,
-            noise: &self.noise,
-            grid: surface.grid,
-            radiance: &environment.data,
-            occluders: None,
-            lobe,
-            seed: self.settings.seed,
-        };
-        let mut occluders = self.masks(shared, z)?;
-        let mut finished = finish::finish(&found.under(occluders.as_ref()));
-        if self.settings.hold_out.is_some() {
-            self.report("occluders of held-out frames", f64::NAN, 0.0);
-            let held = |t: usize| chosen.held_out[t];
-            let z = hold_out::fit(&found, shared, z, &finished.materials, &held)?;
-            let moved = self.masks(shared, &z)?;
-            finished = finish::finish(&found.under(moved.as_ref()));
-            occluders = moved;
-        }
-        let masks = occluders.map_or(Vec::new(), |masks| masks.images(rows));
-        let photometric = photometric(self.capture, self.settings, &finished.renders);
-        let extra = BTreeMap::from([
-            ("iterations".to_owned(), self.iteration().into()),
-            ("seconds".to_owned(), self.seconds().into()),
-        ]);
-        let mut notes = chosen.notes(frames, &masks);
-        if let Some(lobe) = lobe {
-            notes.push(format!(
-                "specular reflection: alpha {:.3} and kappa {:.3}, the same all over the object",
-                lobe.alpha, lobe.kappa
-            ));
-        } else if !self.settings.lambertian {
-            notes.push(
-                "the run ended before specular reflection was fitted: all is diffuse".to_owned(),
-            );
-        }
-        Ok(Reconstruction {
-            environment,
-            uncertainty: None,
-            notes,
-            occluders: masks,
-            materials: finished.materials,
-            vertex_materials: finished.vertex_materials,
-            network: None,
-            renders: finished.renders,
-            curve: self.curve.clone(),
-            metrics: Metrics { photometric, extra },
-            noise: Some(self.noise),
-            settings: self.settings.clone(),
-            ended: self.ended,
-        })
     }
 }

@@ -11,7 +11,7 @@ use super::{
 use crate::{
     capture::{Capture, Frame},
     image_io::ImageIoError,
-    reconstruction::{Ended, Reconstruction},
+    reconstruction::Reconstruction,
 };
 
 /// Longest side of an embedded photograph in pixels.
@@ -109,10 +109,7 @@ impl<'a> Page<'a> {
         } else {
             ", materials and what blocked the light of each photograph"
         };
-        let (time, iterations) = solved
-            .curve
-            .last()
-            .map_or((0.0, 0), |last| (last.seconds, last.iteration));
+        let iterations = solved.curve.last().map_or(0, |last| last.iteration);
         let psnr = solved.metrics.photometric.psnr;
         let agreement = [
             psnr.map(|psnr| format!("to {} dB", number(psnr))),
@@ -126,12 +123,7 @@ impl<'a> Page<'a> {
         } else {
             agreement.join(", ")
         };
-        let ended = match solved.ended {
-            Ended::Converged => "until nothing was left to gain",
-            Ended::Iterations => "as many as allowed",
-            Ended::TimeLimit => "up to the time limit",
-            Ended::Interrupted => "until it was interrupted",
-        };
+        let ended = text::ended(solved.ended);
         let notes = if solved.notes.is_empty() {
             String::new()
         } else {
@@ -147,7 +139,7 @@ impl<'a> Page<'a> {
              recovered from {frames} photographs{size} in {time} ({iterations} iterations, {ended}); the renders agree \
              with the photographs {agreement}.{doubt}{limit}</p>\n{notes}</header>\n",
             title = escaped(&self.title()),
-            time = duration(time),
+            time = duration(solved.seconds()),
             doubt = self.doubt_in_words(),
             limit = text::limit(&solved.metrics),
         )

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::reconstruction::{Metrics, UncertaintySummary};
+use crate::reconstruction::{Ended, Metrics, UncertaintySummary};
 
 /// Text made safe inside HTML elements and quoted attributes.
 pub(crate) fn escaped(text: &str) -> String {
@@ -27,6 +27,16 @@ pub(crate) fn number(value: f64) -> String {
         text.trim_end_matches('0').trim_end_matches('.').to_owned()
     } else {
         text
+    }
+}
+
+/// Why a run ended, as the end of a sentence that says how many iterations it had.
+pub(crate) fn ended(ended: Ended) -> &'static str {
+    match ended {
+        Ended::Converged => "until nothing was left to gain",
+        Ended::Iterations => "as many as allowed",
+        Ended::TimeLimit => "up to the time limit",
+        Ended::Interrupted => "until it was interrupted",
     }
 }
 
