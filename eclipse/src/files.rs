@@ -1,6 +1,7 @@
 //! Reading files that a stranger may have made.
 
 pub mod atomic;
+pub mod json;
 pub mod lock;
 
 use std::{
