@@ -3,6 +3,7 @@
 pub mod atomic;
 pub mod json;
 pub mod lock;
+pub mod made;
 
 use std::{
     fs::{self, File},
