@@ -8,7 +8,7 @@ mod store;
 
 use std::{collections::BTreeMap, path::PathBuf};
 
-use crate::{reconstruction::CurvePoint, settings::Settings};
+use crate::{reconstruction::CurvePoint, settings::Settings, wording::amount};
 
 pub use codec::{decode, encode};
 pub use store::{fingerprint, is_in, load, save};
@@ -210,9 +210,9 @@ pub enum CheckpointError {
     },
     /// The run takes more memory than it now may.
     #[error(
-        "the run takes about {needed} MiB of memory, as it was begun, and --memory allows {allowed} MiB: give at least \
+        "the run takes about {needed} MiB of memory, as it was begun, and --memory allows {allowed}: give at least \
          --memory {needed}MiB, or start again without --resume, for a coarser run", needed = mebibytes(*needed),
-        allowed = allowed >> 20
+        allowed = amount(*allowed)
     )]
     Memory {
         /// What it takes, in bytes.

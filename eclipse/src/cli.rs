@@ -34,7 +34,11 @@ use std::{
 
 use clap::Parser;
 
-use crate::{files::lock::Lock, output, progress};
+use crate::{
+    files::{lock::LockError, made::MadeFolder},
+    output::{self, OutputError},
+    progress,
+};
 use arguments::{Arguments, Command};
 use man::ManArguments;
 
@@ -90,10 +94,38 @@ impl Failure {
     }
 }
 
-/// The right to write to a folder, which is made.
-fn taken(folder: &Path) -> Result<Lock, Failure> {
+/// The right to write to a folder, which is made; one that nothing is written to goes again.
+fn taken(folder: &Path) -> Result<MadeFolder, Failure> {
+    let made = MadeFolder::make(folder).map_err(|error| match error {
+        LockError::Io { path, source } if path == folder => {
+            Failure::failed(OutputError::Prepare { path, source })
+        }
+        error => Failure::failed(error),
+    })?;
     output::prepare(folder).map_err(Failure::failed)?;
-    Lock::acquire(folder).map_err(Failure::failed)
+    Ok(made)
+}
+
+/// What to say where `command` was given a folder to work on that it cannot read; where it is `missing` what a run leaves, what it takes.
+fn not_of_a_run(
+    command: &str,
+    folder: &Path,
+    error: impl std::fmt::Display,
+    missing: bool,
+) -> Failure {
+    let takes = format!("eclipse {command} takes a folder that `eclipse reconstruct` wrote");
+    let parent = folder
+        .parent()
+        .filter(|parent| !parent.as_os_str().is_empty());
+    Failure::bad_input(match missing {
+        _ if folder.is_file() => format!(
+            "{} is a file, but {takes}; give its own: {}",
+            folder.display(),
+            parent.unwrap_or(Path::new(".")).display()
+        ),
+        true => format!("{error}; {takes}"),
+        false => error.to_string(),
+    })
 }
 
 /// Runs the program with `arguments` (the first is its own name), results to `out`, messages to `err`.

@@ -1,7 +1,9 @@
 //! Reading files that a stranger may have made.
 
 pub mod atomic;
+pub mod json;
 pub mod lock;
+pub mod made;
 
 use std::{
     fs::{self, File},

@@ -301,7 +301,7 @@ fn fit(
 pub enum JointError {
     /// Not the name of an effect that can be fitted so.
     #[error(
-        "--with {name}: not an effect that a reconstruction can be fitted with; expected some of {known}"
+        "--with {name:?}: not an effect that a reconstruction can be fitted with; expected some of {known}"
     )]
     Unknown {
         /// The name.

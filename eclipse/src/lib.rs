@@ -68,3 +68,4 @@ pub mod report;
 pub mod settings;
 pub mod studies;
 pub mod synthesize;
+pub mod wording;

@@ -89,9 +89,9 @@ pub fn write(
 /// Makes `folder` and shows that it can be written to, before hours of work depend on it.
 ///
 /// # Errors
-/// [`OutputError::Write`] with the system's reason.
+/// [`OutputError::Prepare`] with the system's reason.
 pub fn prepare(folder: &Path) -> Result<(), OutputError> {
-    let failed = |source| OutputError::Write {
+    let failed = |source| OutputError::Prepare {
         path: folder.to_owned(),
         source,
     };
@@ -194,6 +194,14 @@ pub enum OutputError {
         /// The system's reason.
         source: io::Error,
     },
+    /// The same before anything was done that could be continued.
+    #[error("cannot write to {}: {source}; {}", path.display(), first_remedy(source))]
+    Prepare {
+        /// The folder.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
     /// An image could not be encoded or written.
     #[error(transparent)]
     Image(#[from] ImageIoError),
@@ -215,5 +223,16 @@ fn remedy(error: &io::Error) -> &'static str {
             "a file is in the way: choose another folder with --out"
         }
         _ => "check the folder, then continue with --resume",
+    }
+}
+
+/// The same before there is anything to continue.
+fn first_remedy(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            "free some space, or choose another folder with --out"
+        }
+        io::ErrorKind::NotADirectory | io::ErrorKind::AlreadyExists => remedy(error),
+        _ => "choose another folder with --out",
     }
 }

@@ -140,7 +140,7 @@ pub fn relight(
 #[non_exhaustive]
 pub enum RelightError {
     /// There is no object to relight.
-    #[error("{source}; relight takes a folder that `eclipse reconstruct` wrote")]
+    #[error(transparent)]
     Object {
         /// What is wrong with its mesh.
         source: MeshIoError,

@@ -99,6 +99,17 @@ impl Settings {
         self.batch.map_or(Ok(()), Batch::check)
     }
 
+    /// Refuses what no run of so many frames can be made with.
+    ///
+    /// # Errors
+    /// [`SettingsError::HoldsNothing`].
+    pub fn check_frames(&self, frames: usize) -> Result<(), SettingsError> {
+        match self.hold_out {
+            Some(every) if every > frames => Err(SettingsError::HoldsNothing { every, frames }),
+            _ => Ok(()),
+        }
+    }
+
     /// Whether this frame is kept out of the fit of environment and materials: the last of every K.
     pub fn holds_out(&self, frame: usize) -> bool {
         self.hold_out.is_some_and(|k| frame % k == k - 1)
@@ -285,6 +296,17 @@ pub enum SettingsError {
     OnlyPaper {
         /// Which.
         option: &'static str,
+    },
+    /// Nothing to judge by.
+    #[error(
+        "--hold-out {every} keeps the last of every {every} frames out of the fit, and the capture has only {frames}, so that none would \
+         be; give a number from 2 to {frames}, such as 8, or leave --hold-out away (in the library: `Settings::hold_out`)"
+    )]
+    HoldsNothing {
+        /// One of so many.
+        every: usize,
+        /// How many there are.
+        frames: usize,
     },
     /// A number that cannot be worked with.
     #[error("`{option}` is {value}; expected a number from {low} to {high}")]

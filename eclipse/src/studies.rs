@@ -146,13 +146,15 @@ pub enum StudyError {
     },
     /// The folder of captures.
     #[error(
-        "no captures with truth/environment.exr in {}{}; name their folder with --captures",
+        "no captures with truth/environment.exr in {}{}{hint}",
         path.display(),
         source.as_ref().map_or_else(String::new, |error| format!(" ({error})"))
     )]
     Captures {
         /// The folder.
         path: PathBuf,
+        /// What to do.
+        hint: String,
         /// Why it could not be listed, if so.
         source: Option<std::io::Error>,
     },

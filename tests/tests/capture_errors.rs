@@ -107,7 +107,87 @@ fn transforms_that_are_missing_or_not_json() {
     );
     files_say(
         spoil("{\"frames\": [{\"file_path\": \"a\", \"transform_matrix\": [[NaN]]}]}"),
-        &["cannot be understood"],
+        &[
+            "transforms.json cannot be understood",
+            "`frames[0].transform_matrix[0][0]`: NaN in line 1",
+            "JSON has no NaN",
+        ],
+    );
+    files_say(
+        spoil("{\"frames\": [{\"file_path\": \"a\", \"w\":\n -Infinity}]}"),
+        &["`frames[0].w`: -Infinity in line 2", "JSON has no NaN"],
+    );
+}
+
+#[test]
+fn a_file_in_place_of_the_folder() {
+    let capture = Spoiled::new();
+    let load = |name: &str| {
+        let loaded = Capture::load(&capture.path.join(name), &LoadOptions::default());
+        loaded.unwrap_err().to_string()
+    };
+    for name in ["transforms.json", "000.exr"] {
+        let message = load(name);
+        let folder = format!("give its own: {}", capture.path.display());
+        assert!(
+            message.contains(&format!("{name} is a file")) && message.ends_with(&folder),
+            "{message}"
+        );
+    }
+}
+
+#[test]
+fn fields_of_another_kind_than_expected_are_named() {
+    let number = "expected a number at line 1";
+    for (value, part) in [
+        (Value::Null, "invalid type: null"),
+        (json!("5"), "invalid type: string \"5\""),
+    ] {
+        json_says(
+            |json| json["frames"][3]["transform_matrix"][0][3] = value.clone(),
+            &[
+                "transforms.json",
+                "`frames[3].transform_matrix[0][3]`: ",
+                part,
+                number,
+            ],
+        );
+    }
+    json_says(
+        |json| {
+            drop(
+                json["frames"][2]
+                    .as_object_mut()
+                    .unwrap()
+                    .remove("file_path"),
+            )
+        },
+        &["`frames[2]`: missing field `file_path`"],
+    );
+    json_says(
+        |json| json["frames"][4] = json!("004.exr"),
+        &["`frames[4]`", "expected an object with `file_path`"],
+    );
+    // Intrinsics are shared by the file and its frames.
+    json_says(
+        |json| json["w"] = json!("64"),
+        &[
+            "transforms.json",
+            "`w`: invalid type: string \"64\"",
+            number,
+        ],
+    );
+    json_says(
+        |json| json["frames"][1]["fl_x"] = json!([1.0]),
+        &["`frames[1].fl_x`: invalid type: sequence", number],
+    );
+    json_says(
+        |json| json["color_encoding"] = json!("rec709"),
+        &["`color_encoding`: unknown variant `rec709`", "`srgb`"],
+    );
+    json_says(
+        |json| *json = json!([]),
+        &["expected an object with `frames`"],
     );
 }
 
@@ -182,11 +262,17 @@ fn intrinsics_that_no_camera_has() {
     };
     json_says(
         |json| remove(json, &["camera_angle_x", "fl_x", "fl_y"]),
-        &["frame \"000\"", "`camera_angle_x` is missing, and fl_x too"],
+        &[
+            "transforms.json: frame \"000\"",
+            "`camera_angle_x` is missing, and fl_x too",
+        ],
     );
     json_says(
         |json| json["fl_x"] = json!(-5.0),
-        &["`fl_x` is -5", "expected a positive focal length"],
+        &[
+            "transforms.json: frame \"000\": `fl_x` is -5",
+            "expected a positive focal length",
+        ],
     );
     json_says(
         |json| {
@@ -197,7 +283,7 @@ fn intrinsics_that_no_camera_has() {
     );
     json_says(
         |json| json["w"] = json!(63.5),
-        &["`w` is 63.5", "whole pixels"],
+        &["transforms.json: ", "`w` is 63.5", "whole pixels"],
     );
     json_says(
         |json| json["frames"][2]["cx"] = json!(1e300),
@@ -244,7 +330,10 @@ fn sizes_that_disagree() {
 fn poses_that_are_not_rigid() {
     let pose =
         |rows: Value| move |json: &mut Value| json["frames"][2]["transform_matrix"] = rows.clone();
-    let start = &["frame \"002\": `transform_matrix`", "camera to world"][..];
+    let start = &[
+        "transforms.json: frame \"002\": `transform_matrix`",
+        "camera to world",
+    ][..];
     let check = |rows: Value, part: &str| json_says(pose(rows), &[start, &[part]].concat());
     let diagonal =
         |x: f64, y: f64, z: f64| json!([[x, 0, 0, 5], [0, y, 0, 5], [0, 0, z, 5], [0, 0, 0, 1]]);
@@ -273,7 +362,7 @@ fn images_that_are_missing_or_damaged() {
     json_says(
         |json| json["frames"][5]["file_path"] = json!("photo"),
         &[
-            "frame \"photo\": `file_path`",
+            "transforms.json: frame \"photo\": `file_path`",
             "photo, which does not exist, nor with .exr",
             "correct the path",
         ],
@@ -418,6 +507,26 @@ fn masks_that_are_absent_or_empty() {
 }
 
 #[test]
+fn masks_that_are_empty_once_they_are_reduced() {
+    let capture = Spoiled::new();
+    let options = LoadOptions {
+        max_size: Some(1),
+        ..LoadOptions::default()
+    };
+    let message = Capture::load(&capture.path, &options)
+        .unwrap_err()
+        .to_string();
+    for part in [
+        "frame \"000\": the object fills ",
+        "pixels of the mask in",
+        "000.exr, and none of the 1 × 1 that --max-size 1",
+        "give a larger --max-size",
+    ] {
+        assert!(message.contains(part), "{part:?} is not in {message:?}");
+    }
+}
+
+#[test]
 fn frames_that_are_named_twice() {
     json_says(
         |json| json["frames"][3]["file_path"] = json!("./001.exr"),
@@ -438,6 +547,7 @@ fn paths_that_lead_out_of_the_folder() {
         capture
     };
     let parts = [
+        "transforms.json: frame \"",
         "`file_path` names",
         "outside the capture's folder",
         "move it inside",
@@ -461,7 +571,7 @@ fn paths_that_lead_out_of_the_folder() {
     let mut mesh = outside("000.exr");
     fs::rename(mesh.path.join("mesh.glb"), mesh.path.join("../mesh.glb")).unwrap();
     mesh.json["ply_file_path"] = json!("../mesh.glb");
-    mesh.says(&["`ply_file_path` names", "outside"]);
+    mesh.says(&["transforms.json: `ply_file_path` names", "outside"]);
 }
 
 #[cfg(unix)]
@@ -519,7 +629,15 @@ fn meshes_that_are_missing_or_unusable() {
     let remove = |path: &PathBuf| fs::remove_file(path.join("mesh.glb")).unwrap();
     files_say(
         remove,
-        &["holds no mesh.glb, .gltf, .obj or .ply", "--mesh"],
+        &["holds no mesh.glb, .gltf, .obj or .ply; put", "--mesh"],
+    );
+    files_say(
+        |path| fs::rename(path.join("mesh.glb"), path.join("Potato.GLB")).unwrap(),
+        &[
+            "holds no mesh.glb",
+            "there is Potato.GLB: ",
+            "capture/Potato.GLB, or rename it to mesh.glb",
+        ],
     );
     let obj = |text: &'static str| {
         move |path: &PathBuf| {
@@ -544,7 +662,7 @@ fn meshes_that_are_missing_or_unusable() {
     );
     files_say(
         obj("v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
-        &["mesh.obj has 1 vertices with coordinates that are not finite"],
+        &["mesh.obj has 1 vertex with coordinates that are not finite"],
     );
     files_say(
         obj("v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n"),
@@ -590,9 +708,23 @@ fn cameras_inside_the_object() {
             }
         },
         &[
-            "frame \"001\": its camera is 0.2",
+            "transforms.json: frame \"001\": its camera is 0.2",
             "bounding sphere of radius",
             "same unit and origin",
         ],
     );
+}
+
+#[test]
+fn cameras_out_of_all_reach() {
+    for far in [1e8, 1e20, -1e38, 1e300] {
+        json_says(
+            |json| json["frames"][4]["transform_matrix"][0][3] = json!(far),
+            &[
+                "transforms.json: frame \"004\": `transform_matrix` puts the camera ",
+                "from the middle of the mesh",
+                "correct the position",
+            ],
+        );
+    }
 }

@@ -239,4 +239,6 @@ fn the_manual_page_has_every_command_its_options_and_the_exit_codes() {
         assert!(page.contains(option), "{option}");
     }
     assert!(page.contains("130 interrupted with everything saved"));
+    assert!(page.contains(".SS \"EXAMPLES\"") && page.contains(".SH \"EXIT STATUS\""));
+    assert!(!page.contains("EXTRA"));
 }

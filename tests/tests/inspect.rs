@@ -97,6 +97,37 @@ fn numbers_are_those_of_the_scene() {
 }
 
 #[test]
+fn of_two_meshes_the_one_that_is_taken_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("capture");
+    write(&path, &small_capture(Vec3::ZERO)).unwrap();
+    let alone = inspected(&path);
+    let mesh = path.join("mesh.glb");
+    assert_eq!(alone.object.file.as_deref(), Some(&*mesh));
+    assert!(alone.object.passed_over.is_empty() && !warns(&alone, "mesh.glb"));
+
+    std::fs::write(path.join("mesh.obj"), "").unwrap();
+    let two = inspected(&path);
+    assert_eq!(two.object.file.as_deref(), Some(&*mesh));
+    assert_eq!(two.object.passed_over, [path.join("mesh.obj")]);
+    assert!(
+        warns(
+            &two,
+            "mesh.obj is there too and not used, the mesh being mesh.glb"
+        ),
+        "{:?}",
+        two.warnings
+    );
+    // Whoever names the mesh has chosen.
+    let options = LoadOptions {
+        mesh: Some(mesh),
+        ..LoadOptions::default()
+    };
+    let chosen = inspect(&path, options, &Settings::default()).unwrap().0;
+    assert!(!warns(&chosen, "mesh.obj"), "{:?}", chosen.warnings);
+}
+
+#[test]
 fn sparse_points_and_the_up_direction_of_colmap_models_are_judged() {
     let folder = tempfile::tempdir().unwrap();
     colmap_model::write(folder.path(), &small_capture(Vec3::ZERO), Encoding::Text);

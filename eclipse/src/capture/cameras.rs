@@ -1,11 +1,13 @@
 //! Cameras alone: from a `transforms.json` whose photographs need not be there, or from a capture of any format.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use render::camera::Camera;
 
 use super::{
-    CaptureError, formats,
+    CaptureError,
+    error::At,
+    formats,
     paths::Folder,
     pose::{camera, declared_size, rigid_pose},
     transforms::{Transforms, read_transforms},
@@ -29,45 +31,44 @@ pub fn read_cameras(
     size: Option<[usize; 2]>,
     allow_outside: bool,
 ) -> Result<Vec<(String, Camera)>, CaptureError> {
-    let (transforms, folder) = described(path, allow_outside)?;
+    let (json, transforms, folder) = described(path, allow_outside)?;
     let mut cameras = Vec::with_capacity(transforms.frames.len());
     for frame in &transforms.frames {
         let name = &frame.file_path;
+        let at = At {
+            path: &json,
+            frame: name,
+        };
         let intrinsics = frame.intrinsics.or(&transforms.intrinsics);
-        let pose = rigid_pose(name, transforms.pose_of(frame))?;
-        let own = match declared_size(name, &intrinsics)? {
+        let pose = rigid_pose(at, transforms.pose_of(frame))?;
+        let own = match declared_size(at, &intrinsics)? {
             [Some(width), Some(height)] => [width, height],
             _ if folder.has_image(name) => {
-                let image = folder.image(name, "file_path", name)?;
+                let image = folder.image(at, "file_path", name)?;
                 let image = read_image(&image, None).map_err(|source| CaptureError::Image {
                     frame: name.clone(),
                     source,
                 })?;
                 [image.width, image.height]
             }
-            _ => size.ok_or_else(|| CaptureError::Field {
-                frame: name.clone(),
-                field: "w",
-                problem: "is missing, or `h`, and the photograph is not there to tell; \
-                          add them, or give the size on the command line"
-                    .to_owned(),
+            _ => size.ok_or_else(|| {
+                let problem = "is missing, or `h`, and the photograph is not there to tell; \
+                               add them, or give the size on the command line";
+                at.field("w", problem.to_owned())
             })?,
         };
-        let camera = camera(name, transforms.projection(), &intrinsics, own, pose)?;
+        let camera = camera(at, transforms.projection(), &intrinsics, own, pose)?;
         let camera = match size {
             None => camera,
-            Some(size) => resized(name, camera, size)?,
+            Some(size) => resized(at, camera, size)?,
         };
         let [width, height] = [camera.width, camera.height];
         if width.max(height) > MAX_PICTURE_SIDE {
-            return Err(CaptureError::Field {
-                frame: name.clone(),
-                field: "w",
-                problem: format!(
-                    "and `h` are {width} × {height}, but pictures have at most {MAX_PICTURE_SIDE} pixels a side; \
-                     give a smaller size on the command line"
-                ),
-            });
+            let problem = format!(
+                "and `h` are {width} × {height}, but pictures have at most {MAX_PICTURE_SIDE} pixels a side; \
+                 give a smaller size on the command line"
+            );
+            return Err(at.field("w", problem));
         }
         cameras.push((name.clone(), camera));
     }
@@ -79,36 +80,37 @@ pub fn read_cameras(
 /// # Errors
 /// [`CaptureError`] where it cannot be read.
 pub fn read_described(path: &Path, allow_outside: bool) -> Result<Transforms, CaptureError> {
-    described(path, allow_outside).map(|(transforms, _)| transforms)
+    described(path, allow_outside).map(|(_, transforms, _)| transforms)
 }
 
-/// The same with the folder that its files lie in.
-fn described(path: &Path, allow_outside: bool) -> Result<(Transforms, Folder), CaptureError> {
+/// The same between the file that says it and the folder that its files lie in.
+fn described(
+    path: &Path,
+    allow_outside: bool,
+) -> Result<(PathBuf, Transforms, Folder), CaptureError> {
     if path.is_dir() {
         let folder = Folder::new(path, allow_outside)?;
-        return Ok((formats::read(&folder)?.transforms, folder));
+        let source = formats::read(&folder)?;
+        return Ok((source.path, source.transforms, folder));
     }
     let transforms = read_transforms(path)?;
     let parent = path.parent().filter(|folder| *folder != Path::new(""));
     let folder = Folder::new(parent.unwrap_or(Path::new(".")), allow_outside)?;
-    Ok((transforms, folder))
+    Ok((path.into(), transforms, folder))
 }
 
 /// The same view with other pixels.
-fn resized(name: &str, camera: Camera, size: [usize; 2]) -> Result<Camera, CaptureError> {
+fn resized(at: At<'_>, camera: Camera, size: [usize; 2]) -> Result<Camera, CaptureError> {
     let [width, height] = size;
     let scale = width as f32 / camera.width as f32;
     if (camera.height as f32 * scale - height as f32).abs() > 1.0 {
         let (own_width, own_height) = (camera.width, camera.height);
-        return Err(CaptureError::Field {
-            frame: name.to_owned(),
-            field: "w",
-            problem: format!(
-                "and `h` are {own_width} × {own_height}, another shape than the {width} × {height} asked for; \
-                 ask for {width} × {:.0}",
-                own_height as f32 * scale
-            ),
-        });
+        let problem = format!(
+            "and `h` are {own_width} × {own_height}, another shape than the {width} × {height} asked for; \
+             ask for {width} × {:.0}",
+            own_height as f32 * scale
+        );
+        return Err(at.field("w", problem));
     }
     Ok(scaled(camera, size))
 }

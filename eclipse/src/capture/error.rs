@@ -1,9 +1,9 @@
 //! Everything that can be wrong with a capture, each with what to do.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::{Diagnosis, MAX_SAMPLES};
-use crate::{image_io::ImageIoError, mesh_io::MeshIoError};
+use crate::{image_io::ImageIoError, mesh_io::MeshIoError, wording::counted};
 
 /// Why a capture could not be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -16,6 +16,9 @@ pub enum CaptureError {
         path: PathBuf,
         source: std::io::Error,
     },
+    /// A file in place of the folder.
+    #[error("{} is a file, but a capture is a folder; {hint}", path.display())]
+    File { path: PathBuf, hint: String },
     /// A folder without anything that describes a capture.
     #[error("{} holds none of the files that describe a capture; expected one of {signs}: put it there, or name another folder", path.display())]
     NoFormat { path: PathBuf, signs: String },
@@ -63,9 +66,10 @@ pub enum CaptureError {
     },
     /// Lamps in some frames only.
     #[error(
-        "frame {frame:?}: `lamp` is missing, but other frames have one; give each frame the lamp it was taken by, or none, where the light is unknown"
+        "{}: frame {frame:?}: `lamp` is missing, but other frames have one; give each frame the lamp it was taken by, or none, where \
+         the light is unknown", path.display()
     )]
-    LampMissing { frame: String },
+    LampMissing { path: PathBuf, frame: String },
     /// Parallel views under unknown light.
     #[error(
         "{}: `camera_model` is ORTHOGRAPHIC and the frames have no `lamp`; orthographic cameras are supported where the light is known: \
@@ -76,20 +80,30 @@ pub enum CaptureError {
     #[error("{}: `frames` names {file_path:?} twice; remove or rename one of the two", path.display())]
     DuplicateFrame { path: PathBuf, file_path: String },
     /// A field is missing or has no possible value.
-    #[error("frame {frame:?}: `{field}` {problem}")]
+    #[error("{}: frame {frame:?}: `{field}` {problem}", path.display())]
     Field {
+        path: PathBuf,
         frame: String,
         field: &'static str,
         problem: String,
     },
     /// `transform_matrix` is not rigid.
     #[error(
-        "frame {frame:?}: `transform_matrix` {problem}; expected the rotation and position of the camera, camera to world"
+        "{}: frame {frame:?}: `transform_matrix` {problem}; expected the rotation and position of the camera, camera to world",
+        path.display()
     )]
-    Pose { frame: String, problem: String },
+    Pose {
+        path: PathBuf,
+        frame: String,
+        problem: String,
+    },
     /// A file that a frame names is not there.
-    #[error("frame {frame:?}: `{field}` names {}, which does not exist{hint}; put the file there or correct the path", path.display())]
+    #[error(
+        "{}: frame {frame:?}: `{field}` names {}, which does not exist{hint}; put the file there or correct the path",
+        described.display(), path.display()
+    )]
     Missing {
+        described: PathBuf,
         frame: String,
         field: &'static str,
         path: PathBuf,
@@ -97,10 +111,14 @@ pub enum CaptureError {
     },
     /// A path that leads out of the capture's folder.
     #[error(
-        "`{field}` names {}, which lies outside the capture's folder; move it inside and correct the path, or give --allow-outside when \
-         you trust the capture (in the library: `LoadOptions::allow_outside`)", path.display()
+        "{place}: `{field}` names {}, which lies outside the capture's folder; move it inside and correct the path, or give \
+         --allow-outside when you trust the capture (in the library: `LoadOptions::allow_outside`)", path.display()
     )]
-    Outside { field: &'static str, path: PathBuf },
+    Outside {
+        place: String,
+        field: &'static str,
+        path: PathBuf,
+    },
     /// What describes a capture, elsewhere.
     #[error(
         "{} leads out of the capture's folder through a link; put the file itself there, or give --allow-outside when you trust the \
@@ -130,8 +148,8 @@ pub enum CaptureError {
     },
     /// Pixels that are NaN or infinite.
     #[error(
-        "frame {frame:?}: {} has {count} pixels that are NaN or infinite, the first in column {column} of row {row} (from 0, top left); \
-         render or develop the image again, or paint them over", path.display()
+        "frame {frame:?}: {} has {} that are NaN or infinite, the first in column {column} of row {row} (from 0, top left); \
+         render or develop the image again, or paint them over", path.display(), counted(*count, "pixel")
     )]
     NotFinite {
         frame: String,
@@ -146,13 +164,25 @@ pub enum CaptureError {
     /// No pixel shows the object.
     #[error("frame {frame:?}: the mask in {} is empty; expected values above one half where the object is: correct it, or leave the frame out", path.display())]
     EmptyMask { frame: String, path: PathBuf },
+    /// No pixel is left that shows the object.
+    #[error(
+        "frame {frame:?}: the object fills {} of the mask in {}, and none of the {} × {} that --max-size {longest} reduces \
+         it to; give a larger --max-size (in the library: `LoadOptions::max_size`)", counted(*pixels, "pixel"), path.display(), size[0], size[1]
+    )]
+    ReducedAway {
+        frame: String,
+        path: PathBuf,
+        pixels: usize,
+        longest: usize,
+        size: [usize; 2],
+    },
     /// No mesh was found.
-    #[error("{} holds no mesh.glb, .gltf, .obj or .ply; put the object's shape there, or name it with --mesh", path.display())]
-    NoMesh { path: PathBuf },
+    #[error("{} holds no mesh.glb, .gltf, .obj or .ply; {hint}", path.display())]
+    NoMesh { path: PathBuf, hint: String },
     /// nerfstudio's points where the object's shape is looked for.
     #[error(
-        "`ply_file_path` names {}, which has {vertices} points and no faces, as nerfstudio's sparse points do; put the object's shape \
-         beside transforms.json as mesh.glb, .gltf, .obj or .ply, or name it with --mesh", path.display()
+        "`ply_file_path` names {}, which has {} and no faces, as nerfstudio's sparse points do; put the object's shape \
+         beside transforms.json as mesh.glb, .gltf, .obj or .ply, or name it with --mesh", path.display(), counted(*vertices, "point")
     )]
     OnlyPoints { path: PathBuf, vertices: usize },
     /// The mesh cannot be used.
@@ -163,10 +193,11 @@ pub enum CaptureError {
     },
     /// A camera within the object's bounding sphere.
     #[error(
-        "frame {frame:?}: its camera is {distance:.4} from the middle of the mesh, inside the object's bounding sphere of radius \
-         {radius:.4}; check that mesh and cameras use the same unit and origin"
+        "{}: frame {frame:?}: its camera is {distance:.4} from the middle of the mesh, inside the object's bounding sphere of radius \
+         {radius:.4}; check that mesh and cameras use the same unit and origin", path.display()
     )]
     CameraInside {
+        path: PathBuf,
         frame: String,
         distance: f32,
         radius: f32,
@@ -186,4 +217,37 @@ pub enum CaptureError {
     /// An image of a capture cannot be written.
     #[error("{0}")]
     WriteImage(ImageIoError),
+}
+
+/// A frame of the file that describes a capture: what is at fault.
+#[derive(Clone, Copy)]
+pub(super) struct At<'a> {
+    pub path: &'a Path,
+    pub frame: &'a str,
+}
+
+impl At<'_> {
+    /// A field of it is missing or has no possible value.
+    pub fn field(self, field: &'static str, problem: String) -> CaptureError {
+        CaptureError::Field {
+            path: self.path.into(),
+            frame: self.frame.into(),
+            field,
+            problem,
+        }
+    }
+
+    /// Its pose is none.
+    pub fn pose(self, problem: String) -> CaptureError {
+        CaptureError::Pose {
+            path: self.path.into(),
+            frame: self.frame.into(),
+            problem,
+        }
+    }
+
+    /// As messages begin.
+    pub fn place(self) -> String {
+        format!("{}: frame {:?}", self.path.display(), self.frame)
+    }
 }

@@ -12,6 +12,7 @@ use render::image::Image;
 use super::{
     CaptureError, Frame, MAX_SAMPLES,
     cameras::scaled,
+    error::At,
     paths::Folder,
     pose::{camera, declared_size, rigid_pose},
     transforms::{Transforms, TransformsFrame},
@@ -35,7 +36,7 @@ pub(super) fn load(
 ) -> Result<Vec<Frame>, CaptureError> {
     let entries = &transforms.frames;
     let names = names(json, entries)?;
-    let samples = samples(folder, entries, reading.1);
+    let samples = samples((folder, json), entries, reading.1);
     check_samples(json, &samples)?;
     let at_once = reading.1.map_or(u64::MAX, |_| AT_ONCE);
     let (mut frames, mut sizes) = (Vec::new(), Vec::new());
@@ -44,7 +45,9 @@ pub(super) fn load(
         let read: Vec<Result<_, CaptureError>> = names[batch.clone()]
             .par_iter()
             .zip(&entries[batch])
-            .map(|(name, entry)| load_frame(folder, transforms, name.clone(), entry, reading))
+            .map(|(name, entry)| {
+                load_frame((folder, json), transforms, name.clone(), entry, reading)
+            })
             .collect();
         for read in read {
             let (frame, size) = read?;
@@ -52,7 +55,7 @@ pub(super) fn load(
             sizes.push(size);
         }
     }
-    same_sizes(folder, transforms, &frames, &sizes)?;
+    same_sizes((folder, json), transforms, &frames, &sizes)?;
     Ok(frames)
 }
 
@@ -66,9 +69,17 @@ struct Samples {
 }
 
 /// What each frame takes, by the headers of its files: a few kilobytes of PNG can hold a hundred million pixels of one colour.
-fn samples(folder: &Folder, entries: &[TransformsFrame], max_size: Option<usize>) -> Vec<Samples> {
+fn samples(
+    (folder, json): (&Folder, &Path),
+    entries: &[TransformsFrame],
+    max_size: Option<usize>,
+) -> Vec<Samples> {
     // A file that is not there, or no image, counts nothing here: reading its frame says what is wrong with it.
-    let size = |field, name: &str| read_size(&folder.image("", field, name).ok()?).ok();
+    let at = At {
+        path: json,
+        frame: "",
+    };
+    let size = |field, name: &str| read_size(&folder.image(at, field, name).ok()?).ok();
     let of = |entry: &TransformsFrame| {
         let photograph = size("file_path", &entry.file_path);
         let mask = entry.mask_path.as_deref();
@@ -118,16 +129,20 @@ fn batches(samples: &[Samples], at_once: u64) -> Vec<Range<usize>> {
 
 /// A frame, and the size that its photograph has in its file.
 fn load_frame(
-    folder: &Folder,
+    (folder, json): (&Folder, &Path),
     transforms: &Transforms,
     name: String,
     entry: &TransformsFrame,
     (encoding, max_size): Reading,
 ) -> Result<(Frame, [usize; 2]), CaptureError> {
     let intrinsics = entry.intrinsics.or(&transforms.intrinsics);
-    let pose = rigid_pose(&name, transforms.pose_of(entry))?;
-    let declared = declared_size(&name, &intrinsics)?;
-    let path = folder.image(&name, "file_path", &entry.file_path)?;
+    let at = At {
+        path: json,
+        frame: &name,
+    };
+    let pose = rigid_pose(at, transforms.pose_of(entry))?;
+    let declared = declared_size(at, &intrinsics)?;
+    let path = folder.image(at, "file_path", &entry.file_path)?;
     let decode = |path: &Path, encoding| {
         read_image(path, encoding).map_err(|source| CaptureError::Image {
             frame: name.clone(),
@@ -141,11 +156,11 @@ fn load_frame(
         declared[1].unwrap_or(size[1]),
     ];
     check_size(&name, &path, size, "`w` and `h` say", wanted)?;
-    let camera = camera(&name, transforms.projection(), &intrinsics, size, pose)?;
+    let camera = camera(at, transforms.projection(), &intrinsics, size, pose)?;
     check_finite(&name, &path, &image)?;
     let (mask, mask_path) = match &entry.mask_path {
         Some(mask_path) => {
-            let mask_path = folder.image(&name, "mask_path", mask_path)?;
+            let mask_path = folder.image(at, "mask_path", mask_path)?;
             // Masks are coverage, not light: no curve applies.
             let mask = decode(&mask_path, Some(ColorEncoding::Linear))?;
             check_size(
@@ -166,11 +181,22 @@ fn load_frame(
         true => image,
         false => reduce(&image, small),
     };
+    let shown = |mask: &Image| mask.data.iter().filter(|&&coverage| coverage > 0.5).count();
+    let pixels = shown(&mask);
     let mask = reduced(mask);
-    if mask.data.iter().all(|&coverage| coverage <= 0.5) {
-        return Err(CaptureError::EmptyMask {
-            frame: name,
-            path: mask_path,
+    if shown(&mask) == 0 {
+        return Err(match max_size {
+            Some(longest) if pixels > 0 => CaptureError::ReducedAway {
+                frame: name,
+                path: mask_path,
+                pixels,
+                longest,
+                size: small,
+            },
+            _ => CaptureError::EmptyMask {
+                frame: name,
+                path: mask_path,
+            },
         });
     }
     let frame = Frame {
@@ -245,7 +271,7 @@ fn check_size(
 
 /// Frames that share their intrinsics must share the size of their files, even where no `w` and `h` say it.
 fn same_sizes(
-    folder: &Folder,
+    (folder, json): (&Folder, &Path),
     transforms: &Transforms,
     frames: &[Frame],
     sizes: &[[usize; 2]],
@@ -263,7 +289,11 @@ fn same_sizes(
     };
     for ((frame, size), entry) in with_shared {
         if size != first {
-            let path = folder.image(&frame.name, "file_path", &entry.file_path)?;
+            let at = At {
+                path: json,
+                frame: &frame.name,
+            };
+            let path = folder.image(at, "file_path", &entry.file_path)?;
             check_size(
                 &frame.name,
                 &path,

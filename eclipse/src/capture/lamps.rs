@@ -7,6 +7,7 @@ use render::{camera::Projection, mesh::Mesh};
 
 use super::{
     Capture, CaptureError,
+    error::At,
     transforms::{Shape, Transforms, TransformsFrame},
 };
 
@@ -49,20 +50,19 @@ pub(super) fn lamps<'a>(
     }
     let frames = transforms.frames.iter().zip(names);
     frames
-        .map(|(frame, name)| lamp(frame, name))
+        .map(|(frame, name)| lamp(frame, At { path, frame: name }))
         .collect::<Result<_, _>>()
         .map(Some)
 }
 
-fn lamp(frame: &TransformsFrame, name: &str) -> Result<Lamp, CaptureError> {
+fn lamp(frame: &TransformsFrame, at: At<'_>) -> Result<Lamp, CaptureError> {
     let Some(lamp) = &frame.lamp else {
-        return Err(CaptureError::LampMissing { frame: name.into() });
+        return Err(CaptureError::LampMissing {
+            path: at.path.into(),
+            frame: at.frame.into(),
+        });
     };
-    let fail = |field, problem: String| CaptureError::Field {
-        frame: name.into(),
-        field,
-        problem,
-    };
+    let fail = |field, problem: String| at.field(field, problem);
     let direction = numbers(&lamp.direction).map_err(|problem| fail("lamp.direction", problem))?;
     let length = direction.iter().map(|v| v * v).sum::<f64>().sqrt();
     if (length - 1.0).abs() > TOLERANCE {

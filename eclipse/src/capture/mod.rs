@@ -31,7 +31,7 @@ pub(crate) use write::vacant;
 pub use write::{write, write_with};
 
 use crate::{
-    capture::{paths::Folder, transforms::Transforms},
+    capture::{error::At, paths::Folder, transforms::Transforms},
     image_io::ColorEncoding,
     mesh_io::{MeshIoError, MeshParseError, read_mesh},
 };
@@ -41,6 +41,9 @@ use crate::{
 /// A photograph counts with the four values a pixel that are kept of it, or with the channels of its file where those are more.
 /// A run with the memory that it has by default holds a seventh of this.
 pub const MAX_SAMPLES: u64 = 1 << 31;
+/// Radii of the object that a camera may be away: further out, a pixel is wider than the object in any photograph, and single
+/// precision cannot tell its near side from its far side.
+const MAX_DISTANCE: f64 = 1e6;
 
 /// A capture, read and checked, in the recentred frame (the middle of the mesh's bounding box is the origin), whose z points up.
 #[derive(Clone, Debug)]
@@ -107,9 +110,19 @@ impl Default for LoadOptions {
 /// [`CaptureError`] where what describes the capture cannot be read.
 pub fn photographs(path: &Path) -> Result<Vec<Option<PathBuf>>, CaptureError> {
     let folder = Folder::new(path, false)?;
-    let Source { transforms, .. } = formats::read(&folder)?;
-    let photograph = |name: &String| folder.image(name, "file_path", name).ok();
-    let names = transforms.frames.iter().map(|frame| &frame.file_path);
+    let source = formats::read(&folder)?;
+    let photograph = |name: &String| {
+        let at = At {
+            path: &source.path,
+            frame: name,
+        };
+        folder.image(at, "file_path", name).ok()
+    };
+    let names = source
+        .transforms
+        .frames
+        .iter()
+        .map(|frame| &frame.file_path);
     Ok(names.map(photograph).collect())
 }
 
@@ -117,12 +130,13 @@ pub fn photographs(path: &Path) -> Result<Vec<Option<PathBuf>>, CaptureError> {
 fn own_mesh(
     folder: &Folder,
     asked: Option<&Path>,
+    described: &Path,
     transforms: &Transforms,
 ) -> Result<Mesh, CaptureError> {
-    let path = folder.mesh(asked, transforms)?;
+    let path = folder.mesh(asked, described, transforms)?;
     let is_named = |path: &Path| {
         let named = transforms.ply_file_path.as_deref();
-        named.is_some_and(|name| folder.ply(name).is_ok_and(|named| named == path))
+        named.is_some_and(|name| folder.ply(described, name).is_ok_and(|named| named == path))
     };
     read_mesh(&path).map_err(|error| match error {
         MeshIoError::Parse {
@@ -144,9 +158,15 @@ impl Capture {
         let asked = options.mesh.as_deref();
         let in_words = source.transforms.shape.is_some() && asked.is_none();
         // What is amiss with it is told where it is read.
-        let mesh = folder.mesh(asked, &source.transforms).ok();
+        let mesh = folder.mesh(asked, &source.path, &source.transforms).ok();
+        // With the user's choice, or a shape in words, none of them is taken for another.
+        let others = match asked.is_none() && !in_words {
+            true => folder.own_meshes().into_iter().skip(1).collect(),
+            false => Vec::new(),
+        };
         Ok(Source {
             mesh: mesh.filter(|_| !in_words),
+            other_meshes: others,
             ..source
         })
     }
@@ -168,7 +188,7 @@ impl Capture {
         let shape = transforms.shape.as_ref().filter(|_| options.mesh.is_none());
         let mut mesh = match shape {
             Some(shape) => lamps::mesh_of(shape, &described)?,
-            None => own_mesh(&folder, options.mesh.as_deref(), &transforms)?,
+            None => own_mesh(&folder, options.mesh.as_deref(), &described, &transforms)?,
         };
         let encoding = options.color_encoding.or(transforms.color_encoding);
         let reading = (encoding, options.max_size);
@@ -194,17 +214,43 @@ impl Capture {
             centre,
             lamps,
         };
+        // Before anything is computed with what overflows.
+        capture.check_far(&described)?;
         capture.stand_off();
-        capture.check_distances(&transforms, options)?;
+        capture.check_distances(&described, &transforms, options)?;
         silhouette::check(&capture, &transforms, options.min_overlap)?;
         // Last, so that whatever is amiss is told in the axes of the files.
         capture.turn(options.up);
         Ok(capture)
     }
 
+    /// Refuses cameras so far away that nothing can be computed with where they stand.
+    fn check_far(&self, described: &Path) -> Result<(), CaptureError> {
+        let radius = f64::from(self.mesh.bounding_radius());
+        for frame in &self.frames {
+            // In double precision: squares of what is so far away are no single ones.
+            let distance = frame.camera.centre().as_dvec3().length();
+            // What is no number is not near either.
+            let near = distance <= MAX_DISTANCE * radius;
+            if !near {
+                let at = At {
+                    path: described,
+                    frame: &frame.name,
+                };
+                let problem = format!(
+                    "puts the camera {distance:.3e} from the middle of the mesh, whose radius is {radius:.4}; at most {MAX_DISTANCE:e} \
+                     times that is possible: correct the position, or bring mesh and cameras to one unit"
+                );
+                return Err(at.field("transform_matrix", problem));
+            }
+        }
+        Ok(())
+    }
+
     /// Refuses cameras within the object's bounding sphere, with the likely cause when one can be named.
     fn check_distances(
         &self,
+        described: &Path,
         transforms: &Transforms,
         options: &LoadOptions,
     ) -> Result<(), CaptureError> {
@@ -223,6 +269,7 @@ impl Capture {
             }
         }
         Err(CaptureError::CameraInside {
+            path: described.into(),
             frame: frame.name.clone(),
             distance: frame.camera.distance(),
             radius,

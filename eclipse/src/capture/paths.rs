@@ -2,12 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{CaptureError, transforms::Transforms};
+use super::{CaptureError, error::At, transforms::Transforms};
 
 /// Image extensions that are tried for a `file_path` without one.
 const EXTENSIONS: [&str; 10] = [
     "exr", "hdr", "png", "jpg", "jpeg", "EXR", "HDR", "PNG", "JPG", "JPEG",
 ];
+
+/// Names of a capture's mesh, the first that is there is taken.
+const MESHES: [&str; 4] = ["mesh.glb", "mesh.gltf", "mesh.obj", "mesh.ply"];
 
 /// A capture's folder.
 pub(super) struct Folder {
@@ -22,6 +25,12 @@ impl Folder {
             path: path.into(),
             source,
         })?;
+        if canonical.is_file() {
+            return Err(CaptureError::File {
+                path: path.into(),
+                hint: format!("give its own: {}", folder_of(path).display()),
+            });
+        }
         Ok(Self {
             path: path.into(),
             canonical,
@@ -32,7 +41,7 @@ impl Folder {
     /// The image that `name`, of a frame's `field`, stands for.
     pub fn image(
         &self,
-        frame: &str,
+        at: At<'_>,
         field: &'static str,
         name: &str,
     ) -> Result<PathBuf, CaptureError> {
@@ -47,13 +56,14 @@ impl Folder {
                 ", nor with .exr, .hdr, .png, .jpg or .jpeg added".into()
             };
             return Err(CaptureError::Missing {
-                frame: frame.into(),
+                described: at.path.into(),
+                frame: at.frame.into(),
                 field,
                 path,
                 hint,
             });
         };
-        self.check(field, found)
+        self.check(at.place(), field, found)
     }
 
     /// Whether `name` stands for an image that is there.
@@ -78,32 +88,68 @@ impl Folder {
         &self.path
     }
 
-    /// The mesh: the one asked for, else one in the folder, else the one that `transforms.json` names.
+    /// The mesh: the one asked for, else one in the folder, else the one that the file `described`, of these `transforms`, names.
     pub fn mesh(
         &self,
         asked: Option<&Path>,
+        described: &Path,
         transforms: &Transforms,
     ) -> Result<PathBuf, CaptureError> {
         if let Some(path) = asked {
             // Named by the user, not by the capture: it may lie anywhere.
             return Ok(path.into());
         }
-        let own =
-            ["mesh.glb", "mesh.gltf", "mesh.obj", "mesh.ply"].map(|name| self.path.join(name));
-        if let Some(path) = own.into_iter().find(|path| path.exists()) {
-            return self.check("mesh", path);
+        if let Some(path) = self.own_meshes().into_iter().next() {
+            return self.check(self.path.display().to_string(), "mesh", path);
         }
         match &transforms.ply_file_path {
-            Some(name) => self.ply(name),
+            Some(name) => self.ply(described, name),
             None => Err(CaptureError::NoMesh {
                 path: self.path.clone(),
+                hint: self.candidates(),
             }),
         }
     }
 
-    /// The file that `ply_file_path` names: the mesh, or sparse points.
-    pub fn ply(&self, name: &str) -> Result<PathBuf, CaptureError> {
-        self.check("ply_file_path", self.join(name))
+    /// Meshes that lie in the folder under the names of a capture's own, that which is taken first.
+    pub fn own_meshes(&self) -> Vec<PathBuf> {
+        let own = MESHES.map(|name| self.path.join(name)).into_iter();
+        own.filter(|path| path.exists()).collect()
+    }
+
+    /// What to do where there is no mesh, by what else is there.
+    fn candidates(&self) -> String {
+        let is_mesh = |path: &PathBuf| {
+            let extension = path.extension().unwrap_or_default().to_string_lossy();
+            let known = MESHES.map(|name| &name["mesh.".len()..]);
+            known.contains(&&*extension.to_lowercase()) && path.is_file()
+        };
+        let entries = std::fs::read_dir(&self.path).into_iter().flatten();
+        let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
+        let mut found: Vec<PathBuf> = paths.filter(is_mesh).collect();
+        found.sort();
+        let Some(first) = found.first() else {
+            return "put the object's shape there, or name it with --mesh".to_owned();
+        };
+        let name = |path: &PathBuf| {
+            let name = path.file_name().unwrap_or_default();
+            name.to_string_lossy().into_owned()
+        };
+        let names: Vec<String> = found.iter().take(5).map(name).collect();
+        let more = if found.len() > 5 { ", …" } else { "" };
+        let extension = first.extension().unwrap_or_default().to_string_lossy();
+        format!(
+            "there is {}{more}: if that is the object's shape, give --mesh {}, or rename it to mesh.{}",
+            names.join(", "),
+            first.display(),
+            extension.to_lowercase()
+        )
+    }
+
+    /// The file that `ply_file_path` in `described` names: the mesh, or sparse points.
+    pub fn ply(&self, described: &Path, name: &str) -> Result<PathBuf, CaptureError> {
+        let place = described.display().to_string();
+        self.check(place, "ply_file_path", self.join(name))
     }
 
     fn join(&self, name: &str) -> PathBuf {
@@ -112,7 +158,12 @@ impl Folder {
     }
 
     /// Refuses what leads out of the folder, by dots, as an absolute path or through links.
-    fn check(&self, field: &'static str, path: PathBuf) -> Result<PathBuf, CaptureError> {
+    fn check(
+        &self,
+        place: String,
+        field: &'static str,
+        path: PathBuf,
+    ) -> Result<PathBuf, CaptureError> {
         let canonical = path.canonicalize().map_err(|source| CaptureError::Read {
             path: path.clone(),
             source,
@@ -120,12 +171,26 @@ impl Folder {
         if self.holds(&canonical) {
             return Ok(path);
         }
-        Err(CaptureError::Outside { field, path })
+        Err(CaptureError::Outside { place, field, path })
     }
 
     /// Whether a file may be read that lies there, links and dots resolved.
     fn holds(&self, canonical: &Path) -> bool {
         self.allow_outside || canonical.starts_with(&self.canonical)
+    }
+}
+
+/// The folder of the capture that the file `path` belongs to.
+fn folder_of(path: &Path) -> &Path {
+    let parent = path.parent().unwrap_or(Path::new(""));
+    let inside = ["sparse/0", "sparse"]
+        .into_iter()
+        .find(|inside| parent.ends_with(inside));
+    let up = inside.map_or(0, |inside| Path::new(inside).iter().count());
+    match parent.ancestors().nth(up) {
+        None => parent,
+        Some(folder) if folder == Path::new("") => Path::new("."),
+        Some(folder) => folder,
     }
 }
 
@@ -141,4 +206,23 @@ fn find(path: &Path) -> Option<PathBuf> {
             name.into()
         }));
     candidates.into_iter().find(|path: &PathBuf| path.is_file())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_belong_to_the_folder_of_their_capture() {
+        for (file, folder) in [
+            ("transforms.json", "."),
+            ("a/b/transforms.json", "a/b"),
+            ("a/sparse/0/images.bin", "a"),
+            ("a/sparse/images.txt", "a"),
+            ("sparse/0/images.bin", "."),
+            ("/transforms.json", "/"),
+        ] {
+            assert_eq!(folder_of(Path::new(file)), Path::new(folder), "{file}");
+        }
+    }
 }

@@ -3,17 +3,14 @@
 use glam::{DMat3, DMat4, DVec3, Mat4};
 use render::camera::{Camera, Projection};
 
-use super::{CaptureError, transforms::Intrinsics};
+use super::{CaptureError, error::At, transforms::Intrinsics};
 
 /// How far a rotation's columns may be from orthonormal before it is refused; below it they are made so.
 const TOLERANCE: f64 = 1e-3;
 
 /// The camera-to-world matrix given by `rows`, made exactly rigid.
-pub(super) fn rigid_pose(frame: &str, rows: &[Vec<f64>]) -> Result<DMat4, CaptureError> {
-    let fail = |problem: String| CaptureError::Pose {
-        frame: frame.into(),
-        problem,
-    };
+pub(super) fn rigid_pose(at: At<'_>, rows: &[Vec<f64>]) -> Result<DMat4, CaptureError> {
+    let fail = |problem: String| at.pose(problem);
     if !matches!(rows.len(), 3 | 4) || rows.iter().any(|row| row.len() != 4) {
         let shape = match rows.first() {
             None => "is missing or empty".to_owned(),
@@ -74,17 +71,14 @@ pub(super) fn rigid_pose(frame: &str, rows: &[Vec<f64>]) -> Result<DMat4, Captur
 
 /// The image size that the intrinsics declare, where they do.
 pub(super) fn declared_size(
-    frame: &str,
+    at: At<'_>,
     intrinsics: &Intrinsics,
 ) -> Result<[Option<usize>; 2], CaptureError> {
     let size = |field: &'static str, value: Option<f64>| match value {
         // Some programs write sizes as 1080.0.
         Some(value) if value < 1.0 || value.fract() != 0.0 || value > 1e6 => {
-            Err(CaptureError::Field {
-                frame: frame.into(),
-                field,
-                problem: format!("is {value}; expected the image's size in whole pixels"),
-            })
+            let problem = format!("is {value}; expected the image's size in whole pixels");
+            Err(at.field(field, problem))
         }
         value => Ok(value.map(|value| value as usize)),
     };
@@ -93,17 +87,13 @@ pub(super) fn declared_size(
 
 /// The camera of a frame of `width` × `height` pixels, `pose` being rigid.
 pub(super) fn camera(
-    frame: &str,
+    at: At<'_>,
     projection: Projection,
     intrinsics: &Intrinsics,
     [width, height]: [usize; 2],
     pose: DMat4,
 ) -> Result<Camera, CaptureError> {
-    let fail = |field, problem: String| CaptureError::Field {
-        frame: frame.into(),
-        field,
-        problem,
-    };
+    let fail = |field, problem: String| at.field(field, problem);
     let i = intrinsics;
     // First: of such a lens focal lengths and k1 to k4 mean something else.
     for (field, is_so) in [

@@ -8,8 +8,14 @@ use std::path::Path;
 use render::camera::Projection;
 use serde::Deserialize;
 
-use super::CaptureError;
-use crate::{files::read_limited, image_io::ColorEncoding};
+use super::{CaptureError, error::At};
+use crate::{
+    files::{
+        json::{self, JsonError},
+        read_limited,
+    },
+    image_io::ColorEncoding,
+};
 
 /// The camera model without perspective.
 const ORTHOGRAPHIC: &str = "ORTHOGRAPHIC";
@@ -27,6 +33,7 @@ pub const MAX_TRANSFORMS: u64 = 1 << 27;
 
 /// The fields of `transforms.json` that are used. Others are passed over.
 #[derive(Clone, Debug, Default, Deserialize)]
+#[serde(expecting = "an object with `frames`")]
 #[non_exhaustive]
 pub struct Transforms {
     /// Kind of camera: perspective ones with OpenCV distortion, or `ORTHOGRAPHIC`.
@@ -59,6 +66,7 @@ pub struct Transforms {
 
 /// One entry of `frames`.
 #[derive(Clone, Debug, Default, Deserialize)]
+#[serde(expecting = "an object with `file_path` and `transform_matrix`")]
 #[non_exhaustive]
 pub struct TransformsFrame {
     /// The photograph, relative to the capture's folder, with or without extension.
@@ -149,11 +157,11 @@ pub fn read_transforms(path: &Path) -> Result<Transforms, CaptureError> {
 
 /// Parses `transforms.json` and checks what needs no other file; `path` only names it in errors.
 pub fn parse_transforms(bytes: &[u8], path: &Path) -> Result<Transforms, CaptureError> {
-    let transforms: Transforms =
-        serde_json::from_slice(bytes).map_err(|error| CaptureError::Json {
-            path: path.into(),
-            reason: error.to_string(),
-        })?;
+    let parsed = json::parse(bytes).map_err(|error| placed(bytes, error));
+    let transforms: Transforms = parsed.map_err(|error| CaptureError::Json {
+        path: path.into(),
+        reason: error.to_string(),
+    })?;
     let own = transforms.camera_model.as_deref();
     if let Some(model) = own.filter(|model| projection_of(model).is_none()) {
         return Err(CaptureError::CameraModel {
@@ -161,11 +169,32 @@ pub fn parse_transforms(bytes: &[u8], path: &Path) -> Result<Transforms, Capture
             model: model.to_owned(),
         });
     }
-    transforms.check_frames()?;
+    transforms.check_frames(path)?;
     if transforms.frames.is_empty() {
         return Err(CaptureError::NoFrames { path: path.into() });
     }
     Ok(transforms)
+}
+
+/// The error with its field, also where that is an intrinsic.
+///
+/// Those are shared by two structs and flattened into them, which loses their place: read alone they have it.
+fn placed(bytes: &[u8], error: JsonError) -> JsonError {
+    #[derive(Deserialize)]
+    struct OfFrames {
+        #[serde(rename = "frames")]
+        _frames: Vec<Intrinsics>,
+    }
+    if error.is_syntax {
+        return error;
+    }
+    let shared = json::parse::<Intrinsics>(bytes).err();
+    let own = || json::parse::<OfFrames>(bytes).err();
+    shared
+        .into_iter()
+        .chain(own())
+        .find(|alone| alone.field.len() > error.field.len())
+        .unwrap_or(error)
 }
 
 /// How cameras of this `camera_model` project; `None` for those that are not supported.
@@ -185,7 +214,7 @@ impl Transforms {
     }
 
     /// Refuses frames that say another kind of camera than the file.
-    fn check_frames(&self) -> Result<(), CaptureError> {
+    fn check_frames(&self, path: &Path) -> Result<(), CaptureError> {
         for frame in &self.frames {
             let Some(model) = &frame.camera_model else {
                 continue;
@@ -200,11 +229,11 @@ impl Transforms {
                      undistort the image to one of them"
                 }
             };
-            return Err(CaptureError::Field {
-                frame: frame.file_path.clone(),
-                field: "camera_model",
-                problem: format!("is {model:?}, {problem}"),
-            });
+            let at = At {
+                path,
+                frame: &frame.file_path,
+            };
+            return Err(at.field("camera_model", format!("is {model:?}, {problem}")));
         }
         Ok(())
     }

@@ -83,7 +83,7 @@ pub(super) struct ReadingArguments {
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
     pub up: Option<UpAxis>,
     /// Longest side of photographs, in pixels: larger ones, and their masks, are reduced by means over areas [default: none is].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..))]
     pub max_size: Option<u32>,
 }
 
@@ -179,6 +179,19 @@ mod tests {
         let below = command.get_subcommands().flat_map(examples);
         let own = command.get_after_help().map(ToString::to_string);
         own.into_iter().chain(below).collect()
+    }
+
+    #[test]
+    fn examples_of_the_help_are_not_broken_where_a_terminal_ends() {
+        let texts = examples(&Arguments::command());
+        // Prose begins a line, what is to be pasted is indented.
+        let lines = texts.iter().flat_map(|text| text.lines());
+        let pasted: Vec<&str> = lines.filter(|line| line.starts_with("  ")).collect();
+        assert!(pasted.len() > 40, "{pasted:#?}");
+        for line in pasted {
+            let columns = line.chars().count();
+            assert!(columns <= 78, "{columns} columns, split it by \\: {line}");
+        }
     }
 
     #[test]

@@ -18,11 +18,11 @@ const SCORES: &str = "scores.json";
 
 #[derive(Args, Debug)]
 pub(super) struct CaseArguments {
-    /// Time for each capture.
-    #[arg(long, value_name = "TIME", value_parser = units::duration, default_value = "8m")]
+    /// Time for each capture; a bare number is seconds.
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true, value_parser = units::duration, default_value = "8m")]
     pub time_limit: f64,
     /// Threads; results do not depend on it [default: all].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
     /// Print JSON.
     #[arg(long)]

@@ -8,7 +8,8 @@ use clap_complete::{Shell, generate};
 use super::{Failure, Outcome, arguments::Arguments, print};
 
 const COMPLETIONS_EXAMPLES: &str = "Examples:
-  eclipse completions bash > ~/.local/share/bash-completion/completions/eclipse
+  eclipse completions bash \\
+    > ~/.local/share/bash-completion/completions/eclipse
   eclipse completions zsh > ~/.zfunc/_eclipse
   eclipse completions fish > ~/.config/fish/completions/eclipse.fish";
 

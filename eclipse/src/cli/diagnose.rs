@@ -34,12 +34,12 @@ use crate::{
 
 const EXAMPLES: &str = "Examples:
   eclipse diagnose my-capture
-  eclipse diagnose my-capture --reconstruction out/mine --out out/mine/diagnosis
+  eclipse diagnose my-capture --reconstruction out/mine --out out/diagnosis
   eclipse diagnose my-capture --effects exposure_drift,vignetting --json
 
-Effects: moving_occluder, occluder_bounce, exposure_drift, response_curve, vignetting, black_level,
-veiling_glare, clipping, interreflection, ground_bounce, near_field_light, moving_light, emission,
-specular_lobe, translucency, pose_error, defocus, normal_error, medium; where the lamps are known (`lamp`
+Effects: moving_occluder, occluder_bounce, exposure_drift, response_curve, vignetting, black_level, \
+veiling_glare, clipping, interreflection, ground_bounce, near_field_light, moving_light, emission, \
+specular_lobe, translucency, pose_error, defocus, normal_error, medium; where the lamps are known (`lamp` \
 in transforms.json) lamp_direction, ambient_light, and of the others those that such light lets tell.";
 
 /// Share of the time that the reconstruction a diagnosis makes for itself may take.
@@ -59,8 +59,8 @@ pub(super) struct DiagnoseArguments {
     /// Folder for the results [default: out/<name of the capture>-diagnosis].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Time after which no further effect is looked for, the reconstruction included; an occluder's outline may take an eighth more.
-    #[arg(long, value_name = "TIME", value_parser = units::duration, default_value = "8m")]
+    /// Time (a bare number is seconds) after which no further effect is looked for, the reconstruction included; an occluder's outline may take an eighth more.
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true, value_parser = units::duration, default_value = "8m")]
     pub time_limit: f64,
     /// Effects to try, separated by commas [default: all].
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
@@ -69,10 +69,10 @@ pub(super) struct DiagnoseArguments {
     #[arg(long, value_name = "FILE")]
     pub mesh: Option<PathBuf>,
     /// Seed of all random numbers.
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true, value_parser = units::at_least::<0>)]
     pub seed: u64,
     /// Threads; results do not depend on it [default: all].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
     /// Print diagnosis.json instead of a summary.
     #[arg(long)]

@@ -2,38 +2,47 @@
 
 use std::{io::Write, path::PathBuf};
 
-use clap::Args;
+use clap::{ArgGroup, Args};
 
-use super::{Failure, Outcome, print};
-use crate::evaluate::{
-    self, Evaluation,
-    stanford_orb::{self, Scale, Split, StanfordOrbScore},
+use super::{Failure, Outcome, not_of_a_run, print};
+use crate::{
+    evaluate::{
+        self, Evaluation,
+        stanford_orb::{self, Scale, Split, StanfordOrbScore},
+    },
+    layout::ENVIRONMENT,
 };
 
 const EXAMPLES: &str = "Examples:
   eclipse evaluate out/potatoes --truth tests/captures/potatoes/truth --json
 
 Stanford-ORB, new views in the recovered light, then in that of other scenes, whose maps the benchmark has in ground_truth:
-  eclipse relight out/cup --environment out/cup/environment.exr --camera blender_HDR/cup_scene001/transforms_test.json \\
+  eclipse relight out/cup --environment out/cup/environment.exr \\
+    --camera blender_HDR/cup_scene001/transforms_test.json \\
     --names-from-cameras --size 512x512 --out out/cup/views
   eclipse evaluate out/cup/views/test --stanford-orb blender_HDR/cup_scene001
-  eclipse relight out/cup --environments ground_truth --axes camera --camera blender_HDR/cup_scene001/transforms_novel.json \\
+  eclipse relight out/cup --environments ground_truth --axes camera \\
+    --camera blender_HDR/cup_scene001/transforms_novel.json \\
     --names-from-cameras --size 512x512 --out out/cup/novel
-  eclipse evaluate out/cup/novel --stanford-orb blender_HDR/cup_scene001 --split novel
+  eclipse evaluate out/cup/novel --split novel \\
+    --stanford-orb blender_HDR/cup_scene001
 
-With --stanford-orb the folder holds a prediction a view, 512 x 512 pixels, by its name: 0003.exr (linear) or 0003.png (sRGB); for
+With --stanford-orb the folder holds a prediction a view, 512 x 512 pixels, by its name: 0003.exr (linear) or 0003.png (sRGB); for \
 the novel split in a folder for each scene, such as cup_scene002/0003.exr.";
 
 #[derive(Args, Debug)]
-#[command(after_help = EXAMPLES)]
+#[command(
+    after_help = EXAMPLES,
+    group = ArgGroup::new("against").args(["truth", "stanford_orb"]).required(true)
+)]
 pub(super) struct EvaluateArguments {
     /// Folder that reconstruct wrote; with --stanford-orb, of predicted views.
     pub folder: PathBuf,
     /// Folder with the truth: environment.exr, occluders.exr, albedo_NNN.exr, truth.json, as far as known.
-    #[arg(long, value_name = "DIR", required_unless_present = "stanford_orb")]
+    #[arg(long, value_name = "DIR")]
     pub truth: Option<PathBuf>,
     /// Scores by the scripts of Stanford-ORB: PSNR-H, PSNR-L and SSIM against a scene of blender_HDR.
-    #[arg(long, value_name = "SCENE", conflicts_with = "truth")]
+    #[arg(long, value_name = "SCENE")]
     pub stanford_orb: Option<PathBuf>,
     /// Views of the scene: train, test (the same light) or novel (other light).
     #[arg(
@@ -69,8 +78,11 @@ pub(super) fn run(arguments: &EvaluateArguments, out: &mut dyn Write) -> Result<
             }
         }
         (Some(truth), None) => {
-            let evaluation =
-                evaluate::evaluate(&arguments.folder, truth).map_err(Failure::bad_input)?;
+            let evaluation = evaluate::evaluate(&arguments.folder, truth).map_err(|error| {
+                // What is wrong with the truth says nothing of the run.
+                let missing = !arguments.folder.join(ENVIRONMENT).is_file();
+                not_of_a_run("evaluate", &arguments.folder, error, missing)
+            })?;
             if arguments.json {
                 serde_json::to_string_pretty(&evaluation).map_err(Failure::failed)? + "\n"
             } else {

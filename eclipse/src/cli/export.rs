@@ -4,15 +4,19 @@ use std::{io::Write, path::PathBuf};
 
 use clap::Args;
 
-use super::{Failure, Outcome, print};
-use crate::export::{self, ExportError, Program};
+use super::{Failure, Outcome, not_of_a_run, print};
+use crate::{
+    export::{self, ExportError, Program},
+    layout::ENVIRONMENT,
+    relight::RelightError,
+};
 
 const EXAMPLES: &str = "Examples:
   eclipse export out/mine --for blender
   eclipse export out/mine --for mitsuba --out scenes/mine
   eclipse export out/mine --for threejs
 
-Each leaves the light (environment.exr) in the program's own layout, so that it loads unrotated, the object with its materials
+Each leaves the light (environment.exr) in the program's own layout, so that it loads unrotated, the object with its materials \
 (mesh.glb, KHR_materials_specular; for Mitsuba mesh.ply too) and a small scene: scene.py, scene.xml or index.html.";
 
 #[derive(Args, Debug)]
@@ -34,7 +38,9 @@ pub(super) fn run(arguments: &ExportArguments, out: &mut dyn Write) -> Result<Ou
     let folder = arguments.out.clone().unwrap_or_else(own);
     export::export(&arguments.folder, program, &folder).map_err(|error| match error {
         ExportError::Object(_) | ExportError::Light(_) | ExportError::Read { .. } => {
-            Failure::bad_input(error)
+            let missing = matches!(&error, ExportError::Object(RelightError::Object { .. }))
+                || !arguments.folder.join(ENVIRONMENT).is_file();
+            not_of_a_run("export", &arguments.folder, error, missing)
         }
         _ => Failure::failed(error),
     })?;

@@ -8,6 +8,7 @@ use super::{Failure, Outcome, arguments::ReadingArguments, print, taken, units};
 use crate::{
     inspect::{self, Inspection, LampsInspection, ObjectInspection, page},
     settings::Settings,
+    wording::counted,
 };
 
 /// Degrees of tilt from which the direction of upward is told: less is the way people hold cameras.
@@ -17,7 +18,7 @@ const INSPECT_EXAMPLES: &str = "Examples:
   eclipse inspect my-capture
   eclipse inspect my-capture --mesh scan.ply --out out/inspection
   eclipse inspect my-capture --json
-  eclipse inspect my-colmap --up -y   # a COLMAP model whose y axis points down";
+  eclipse inspect my-colmap --up -y   # a COLMAP model whose y points down";
 
 #[derive(Args, Debug)]
 #[command(after_help = INSPECT_EXAMPLES)]
@@ -202,9 +203,14 @@ fn object(object: &ObjectInspection) -> String {
             unused.join(" and ")
         ),
     };
+    let file = object
+        .file
+        .as_deref()
+        .map_or(String::new(), |file| format!("{}: ", file.display()));
     format!(
-        "{} triangles, {} vertices{coordinates}{unused}",
-        object.faces, object.vertices
+        "{file}{}, {}{coordinates}{unused}",
+        counted(object.faces, "triangle"),
+        counted(object.vertices, "vertex")
     )
 }
 

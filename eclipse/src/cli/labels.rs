@@ -7,10 +7,16 @@ use std::{
 
 use serde::Deserialize;
 
-use crate::criticism::study_scores;
+use crate::{
+    criticism::study_scores,
+    files::json::{self, JsonError},
+};
 
 /// Largest file of labels that is read, in bytes.
 pub(super) const MAX_LABELS: u64 = 1 << 24;
+/// What it holds.
+pub(super) const EXPECTED: &str =
+    r#"{"a capture": {"effects": ["vignetting"]}, "another": {"effects": []}}"#;
 
 /// What is true of a capture.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
@@ -25,13 +31,13 @@ pub struct Label {
 pub enum LabelsError {
     /// It is not the JSON that is expected.
     #[error(
-        "{} is not a table of labels ({source}); expected {{\"capture\": {{\"effects\": [\"…\"]}}}}", path.display()
+        "{} is not a table of labels ({source}); expected {EXPECTED}", path.display()
     )]
     Json {
         /// The file.
         path: PathBuf,
         /// What the parser said.
-        source: serde_json::Error,
+        source: JsonError,
     },
     /// A name that leads out of the folder of captures, and out of that of the results.
     #[error(
@@ -65,7 +71,7 @@ pub enum LabelsError {
 /// [`LabelsError`] for what is no such table, and for names of captures and effects that cannot be ones.
 pub fn parse_labels(bytes: &[u8], path: &Path) -> Result<BTreeMap<String, Label>, LabelsError> {
     let labels: BTreeMap<String, Label> =
-        serde_json::from_slice(bytes).map_err(|source| LabelsError::Json {
+        json::parse(bytes).map_err(|source| LabelsError::Json {
             path: path.into(),
             source,
         })?;

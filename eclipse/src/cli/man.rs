@@ -33,9 +33,22 @@ fn page() -> std::io::Result<Vec<u8>> {
     man.render_synopsis_section(&mut page)?;
     man.render_description_section(&mut page)?;
     commands(&root, &mut page)?;
-    man.render_extra_section(&mut page)?;
+    page.extend(extra(&man, "EXIT STATUS")?);
     man.render_version_section(&mut page)?;
     Ok(page)
+}
+
+/// What follows the help, under a title that says what it is.
+fn extra(man: &Man, title: &str) -> std::io::Result<Vec<u8>> {
+    let mut section = Vec::new();
+    man.render_extra_section(&mut section)?;
+    let section = String::from_utf8_lossy(&section);
+    // The title stands for the first word.
+    let titled = section.replace(".SH EXTRA\n", &format!(".SH \"{title}\"\n"));
+    Ok(titled
+        .replace("\nExamples:\n", "\n")
+        .replace("\nExample:\n", "\n")
+        .into_bytes())
 }
 
 /// A section a command, those of commands with commands below them included.
@@ -51,7 +64,7 @@ fn commands(command: &Command, page: &mut Vec<u8>) -> std::io::Result<()> {
             man.render_options_section(&mut sections)?;
         }
         if command.get_after_help().is_some() {
-            man.render_extra_section(&mut sections)?;
+            sections.extend(extra(&man, "EXAMPLES")?);
         }
         // Sections of a command are subsections of the page.
         let sections = String::from_utf8_lossy(&sections).replace("\n.SH ", "\n.SS ");

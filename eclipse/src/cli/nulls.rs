@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::{
     Failure, Outcome,
     cases::{CaseArguments, Ended},
-    diagnose, shown, stop_on_interrupt, taken,
+    diagnose, shown, stop_on_interrupt, taken, units,
 };
 use crate::{
     capture::{Capture, LoadOptions},
@@ -30,10 +30,10 @@ pub(super) struct NullsArguments {
     /// Captures in which no effect is missing [default: synthesised ones].
     pub captures: Vec<PathBuf>,
     /// How many bases to synthesise where no capture is given: other bodies, light and materials for each.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(1..=1000))]
     pub scenes: u64,
     /// Seed of the first synthesised base.
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = units::at_least::<0>)]
     pub seed: u64,
     /// What to derive from each base [default: all of plain, more_noise, fine_texture, coarse_mesh; banding, flash, ghost, lens_distortion, stain].
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]

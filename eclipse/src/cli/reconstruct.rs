@@ -33,22 +33,28 @@ use crate::{
     reconstruction::Ended,
     report::{ReportOptions, radiance},
     settings::{OccluderPrior, Preset, Settings},
+    wording::counted,
 };
 
 const RECONSTRUCT_EXAMPLES: &str = "Examples:
   eclipse reconstruct tests/captures/potatoes
   eclipse reconstruct my-capture --out out/first --time-limit 10m --hold-out 8
-  eclipse reconstruct my-capture --out out/first --resume                   # after Ctrl-C, with the same options
-  eclipse reconstruct my-capture --out out/first --resume --time-limit 1h   # an hour in all, all else the same
-  eclipse reconstruct my-capture --out out/refined --preset paper --from out/first --hold-out 8
-  eclipse reconstruct my-capture --out out/camera --with exposure_drift,vignetting
-  eclipse reconstruct my-colmap --out out/colmap --up -y --max-size 1024    # y points down in it, the photographs are large
+  # after Ctrl-C, with the same options:
+  eclipse reconstruct my-capture --out out/first --resume
+  # an hour in all, all else the same:
+  eclipse reconstruct my-capture --out out/first --resume --time-limit 1h
+  eclipse reconstruct my-capture --out out/refined --preset paper \\
+    --from out/first --hold-out 8
+  eclipse reconstruct my-capture --out out/camera \\
+    --with exposure_drift,vignetting
+  # y points down in it, the photographs are large:
+  eclipse reconstruct my-colmap --out out/colmap --up -y --max-size 1024
 
-A capture is a folder with transforms.json (Blender/NeRF or nerfstudio), transforms_train.json (Blender's splits, Stanford-ORB) or a
-COLMAP model, the photographs it names (EXR, HDR, PNG, JPEG; alpha or masks) and a mesh (mesh.glb, .gltf, .obj or .ply). The light is
+A capture is a folder with transforms.json (Blender/NeRF or nerfstudio), transforms_train.json (Blender's splits, Stanford-ORB) or a \
+COLMAP model, the photographs it names (EXR, HDR, PNG, JPEG; alpha or masks) and a mesh (mesh.glb, .gltf, .obj or .ply). The light is \
 recovered with z up. Which way is up in a COLMAP model is arbitrary: say it with --up, where it is not z; eclipse inspect tells it.
 
-With --resume, options that are not given are those of the run's beginning (but for --allow-outside, which has to be given again). Time
+With --resume, options that are not given are those of the run's beginning (but for --allow-outside, which has to be given again). Time \
 limit, iterations, threads and memory may be others, with the same result bit for bit as far as a run goes.";
 
 #[derive(Args, Debug)]
@@ -65,11 +71,11 @@ pub(super) struct ReconstructArguments {
     /// Start from the result in DIR, of the same capture (paper preset).
     #[arg(long, value_name = "DIR")]
     pub from: Option<PathBuf>,
-    /// Time for the solve, such as 90s, 10m or 1h30m [default: 120s, or none with --iterations].
-    #[arg(long, value_name = "TIME", value_parser = units::duration)]
+    /// Time for the solve, such as 90s, 10m or 1h30m; a bare number is seconds [default: 120s, or none with --iterations].
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true, value_parser = units::duration)]
     pub time_limit: Option<f64>,
     /// Most iterations of the optimiser [default: the preset's].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = units::at_least::<1>)]
     pub iterations: Option<u64>,
     /// Do not model occluders.
     #[arg(long)]
@@ -84,16 +90,16 @@ pub(super) struct ReconstructArguments {
     #[arg(long, value_name = "FILE")]
     pub mesh: Option<PathBuf>,
     /// Seed of all random numbers.
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true, value_parser = units::at_least::<0>)]
     pub seed: u64,
     /// Threads; results do not depend on it [default: all].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
     /// Memory to stay within.
-    #[arg(long, value_name = "SIZE", default_value = "4GiB", value_parser = units::size)]
+    #[arg(long, value_name = "SIZE", default_value = "4GiB", allow_hyphen_values = true, value_parser = units::size)]
     pub memory: u64,
     /// Keep every K-th frame out of the fit of environment and materials, and judge by it.
-    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u64).range(2..))]
+    #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = units::at_least::<2>)]
     pub hold_out: Option<u64>,
     /// Effects of the camera to fit jointly: exposure_drift, vignetting, black_level, response_curve, veiling_glare.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
@@ -138,6 +144,11 @@ pub(super) fn run(
     let options = chosen.options(arguments);
     let capture = Capture::load(&arguments.capture, &options).map_err(Failure::bad_input)?;
     // Before a folder is made for it.
+    let frames = settings.check_frames(capture.frames.len());
+    frames.map_err(|error| Failure {
+        outcome: Outcome::Usage,
+        message: error.to_string(),
+    })?;
     reconstruct::check_light(&capture).map_err(Failure::bad_input)?;
     reconstruct::check_memory(&capture, settings).map_err(Failure::bad_input)?;
     // A run that goes on has no need of what it started from.
@@ -233,7 +244,8 @@ fn announce(capture: &Capture, settings: &Settings, planned: u64, style: Style) 
         Style::Bar => {
             let _ = writeln!(
                 std::io::stderr(),
-                "{frames} frames, {preset} preset: about {} of memory, {} allowed",
+                "{}, {preset} preset: about {} of memory, {} allowed",
+                counted(frames, "frame"),
                 units::bytes(planned),
                 units::bytes(settings.memory)
             );

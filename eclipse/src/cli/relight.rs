@@ -6,10 +6,12 @@ use std::{
     sync::atomic::Ordering,
 };
 
-use clap::Args;
+use clap::{ArgGroup, Args};
 use render::{camera::Camera, convention::Convention, environment::EnvironmentMap};
 
-use super::{Failure, Outcome, print, shown::ProgressArguments, stop_on_interrupt, units};
+use super::{
+    Failure, Outcome, not_of_a_run, print, shown::ProgressArguments, stop_on_interrupt, units,
+};
 use crate::{
     capture::{MAX_PICTURE_SIDE, UpAxis, read_cameras},
     image_io::{EnvironmentOptions, Rows, read_environment},
@@ -19,6 +21,7 @@ use crate::{
         self, Axes, Folder, Lights, Object, Orbit, Quality, Record, RelightError, Stage, View,
         evenly, frame_names, number,
     },
+    wording::counted,
 };
 
 /// Rows that a light's map is averaged to when it has more: a texel is then a sixth of a degree, a third of the sun.
@@ -30,29 +33,34 @@ const ORBIT_FRAMES: u16 = 24;
 
 const EXAMPLES: &str = "Examples:
   eclipse relight out/mine --environment studio.exr
-  eclipse relight out/mine --environment sunset.hdr --frames 1 --azimuth 30 --exposure 1 --backdrop
-  eclipse relight out/mine --environment out/other/environment.exr --rotate 90 --size 1024x768 --out out/turntable
-  eclipse relight out/mine --environment studio.exr --camera my-capture --frames 4   # from where four of its photographs were taken
-  eclipse relight out/colmap --environment studio.exr --camera my-colmap   # with the --up that reconstruct was told
-  eclipse relight out/cup --environments ground_truth --axes camera --camera blender_HDR/cup_scene001/transforms_novel.json \\
-    --names-from-cameras --size 512x512 --out out/cup/novel   # Stanford-ORB; see eclipse evaluate --help
+  eclipse relight out/mine --environment sunset.hdr --frames 1 --azimuth 30 \\
+    --exposure 1 --backdrop
+  eclipse relight out/mine --environment out/other/environment.exr \\
+    --rotate 90 --size 1024x768 --out out/turntable
+  # from where four of its photographs were taken:
+  eclipse relight out/mine --environment studio.exr --camera my-capture \\
+    --frames 4
+  # with the --up that reconstruct was told:
+  eclipse relight out/colmap --environment studio.exr --camera my-colmap
+  # Stanford-ORB; see eclipse evaluate --help:
+  eclipse relight out/cup --environments ground_truth --axes camera \\
+    --camera blender_HDR/cup_scene001/transforms_novel.json \\
+    --names-from-cameras --size 512x512 --out out/cup/novel
 
-The pictures are DIR/relit/NNN.exr (linear, RGBA, colours multiplied by the coverage) and NNN.png (sRGB). With --names-from-cameras
-they are called as the file's frames: as `file_path` without its extension, folders included; as scene_name/file where a frame has a
+The pictures are DIR/relit/NNN.exr (linear, RGBA, colours multiplied by the coverage) and NNN.png (sRGB). With --names-from-cameras \
+they are called as the file's frames: as `file_path` without its extension, folders included; as scene_name/file where a frame has a \
 `scene_name`. --environments takes the map of the frame a/b from DIR/a/b.exr (or .hdr, .png, .jpg) or DIR/a/env_map/b.exr.";
 
 #[derive(Args, Debug)]
-#[command(after_help = EXAMPLES)]
+#[command(
+    after_help = EXAMPLES,
+    group = ArgGroup::new("light").args(["environment", "environments"]).required(true)
+)]
 pub(super) struct RelightArguments {
     /// Folder that reconstruct wrote.
     pub folder: PathBuf,
     /// Light from all directions, an equirectangular EXR, HDR, PNG or JPEG.
-    #[arg(
-        long,
-        value_name = "FILE",
-        required_unless_present = "environments",
-        conflicts_with = "environments"
-    )]
+    #[arg(long, value_name = "FILE")]
     pub environment: Option<PathBuf>,
     /// A map for each picture, by the name of its frame.
     #[arg(long, value_name = "DIR")]
@@ -68,7 +76,7 @@ pub(super) struct RelightArguments {
     /// of the object.
     #[arg(long, value_name = "orbit|PATH", default_value = "orbit")]
     pub camera: PathBuf,
-    /// Axis of the world of those cameras that points up: x, y, z, -x, -y, -z or a direction as X,Y,Z [default: what reconstruct was
+    /// Axis of the world of those cameras, not of an orbit, that points up: x, y, z, -x, -y, -z or a direction as X,Y,Z [default: what reconstruct was
     /// told, as of the capture's own cameras; z is that of the world in which results are written].
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
     pub up: Option<UpAxis>,
@@ -79,7 +87,7 @@ pub(super) struct RelightArguments {
     #[arg(long)]
     pub names_from_cameras: bool,
     /// Pictures: of an orbit [default: 24], or so many of those cameras, evenly spread [default: all].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=10_000))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=10_000))]
     pub frames: Option<u16>,
     /// Height of the orbit above the horizon, in degrees.
     #[arg(long, value_name = "DEG", default_value_t = 20.0, allow_negative_numbers = true, value_parser = elevation)]
@@ -88,7 +96,7 @@ pub(super) struct RelightArguments {
     #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true, value_parser = degrees)]
     pub azimuth: f32,
     /// Distance of the orbit in bounding radii of the object.
-    #[arg(long, value_name = "D", default_value_t = 5.0, value_parser = units::distance)]
+    #[arg(long, value_name = "D", default_value_t = 5.0, allow_negative_numbers = true, value_parser = units::distance)]
     pub distance: f32,
     /// Exposure of the light, in stops.
     #[arg(long, value_name = "EV", default_value_t = 0.0, allow_negative_numbers = true, value_parser = exposure)]
@@ -97,19 +105,19 @@ pub(super) struct RelightArguments {
     #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true, value_parser = degrees)]
     pub rotate: f32,
     /// Pixels across and down [default: 512x512, or those of the cameras].
-    #[arg(long, value_name = "WxH", value_parser = size)]
+    #[arg(long, value_name = "WxH", allow_hyphen_values = true, value_parser = size)]
     pub size: Option<[usize; 2]>,
     /// Light paths a pixel: four times as many, half the noise.
-    #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    #[arg(long, value_name = "N", default_value_t = 256, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub samples: u32,
     /// Shows the environment beside the object.
     #[arg(long)]
     pub backdrop: bool,
     /// Seed of all random numbers.
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true, value_parser = units::at_least::<0>)]
     pub seed: u64,
     /// Threads; results do not depend on it [default: all].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
     /// Folder for the pictures, new or of earlier ones [default: DIR/relit].
     #[arg(long, value_name = "DIR")]
@@ -119,14 +127,11 @@ pub(super) struct RelightArguments {
 }
 
 pub(super) fn run(arguments: &RelightArguments, out: &mut dyn Write) -> Result<Outcome, Failure> {
-    if arguments.names_from_cameras && arguments.is_orbit() {
-        return Err(Failure {
-            outcome: Outcome::Usage,
-            message: "--names-from-cameras takes the names of a file: name it with --camera"
-                .to_owned(),
-        });
-    }
-    let object = Object::read(&arguments.folder).map_err(Failure::bad_input)?;
+    arguments.check_orbit()?;
+    let object = Object::read(&arguments.folder).map_err(|error| {
+        let missing = matches!(error, RelightError::Object { .. });
+        not_of_a_run("relight", &arguments.folder, error, missing)
+    })?;
     let views = arguments.views(&object)?;
     let (light, lights) = arguments.light(&views).map_err(Failure::bad_input)?;
     let record = Record {
@@ -175,11 +180,8 @@ pub(super) fn run(arguments: &RelightArguments, out: &mut dyn Write) -> Result<O
         }
         done => {
             done.map_err(Failure::failed)?;
-            let count = views.len();
-            print(
-                out,
-                &format!("wrote {count} pictures to {}\n", path.display()),
-            )?;
+            let pictures = counted(views.len(), "picture");
+            print(out, &format!("wrote {pictures} to {}\n", path.display()))?;
             Ok(Outcome::Done)
         }
     }
@@ -188,6 +190,25 @@ pub(super) fn run(arguments: &RelightArguments, out: &mut dyn Write) -> Result<O
 impl RelightArguments {
     fn is_orbit(&self) -> bool {
         self.camera == Path::new("orbit")
+    }
+
+    /// Refuses what an orbit has no use for.
+    fn check_orbit(&self) -> Result<(), Failure> {
+        if !self.is_orbit() {
+            return Ok(());
+        }
+        let message = if self.names_from_cameras {
+            "--names-from-cameras takes the names of a file: name it with --camera"
+        } else if self.up.is_some() {
+            "--up is of the cameras that --camera names: an orbit goes around the z axis of the world in which results are written, \
+             which points up whatever reconstruct was told; leave it out, or add --camera PATH"
+        } else {
+            return Ok(());
+        };
+        Err(Failure {
+            outcome: Outcome::Usage,
+            message: message.to_owned(),
+        })
     }
 
     /// What is to be seen, with the names of the pictures.

@@ -11,7 +11,7 @@ use clap::{Args, Subcommand};
 
 use super::{Failure, Outcome, print, shown::ProgressArguments, stop_on_interrupt, units};
 use crate::{
-    files::lock::Lock,
+    files::made::MadeFolder,
     progress::{Event, Lines, Style},
     studies::{self, Bench, Evidence, Scale, Study, StudyError, page},
 };
@@ -76,12 +76,12 @@ pub(super) struct PaperArguments {
     /// Folder of a capture of real photographs, for the study `real` [default: the environment variable ECLIPSE_REAL].
     #[arg(long, value_name = "DIR")]
     pub real: Option<PathBuf>,
-    /// Time for each reconstruction of those captures [default: 2m or, where there are many captures, what leaves all studies
+    /// Time for each reconstruction of those captures, a bare number being seconds [default: 2m or, where there are many captures, what leaves all studies
     /// within two hours; 10m with --full]. Captures that a study makes for itself take a fixed number of steps.
-    #[arg(long, value_name = "TIME", value_parser = units::duration)]
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true, value_parser = units::duration)]
     pub time_limit: Option<f64>,
     /// Threads [default: all].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
     /// Folder for a folder of each study.
     #[arg(long, value_name = "DIR", default_value = "out/studies")]
@@ -249,8 +249,8 @@ fn one(
     typed: &[OsString],
 ) -> Result<Evidence, StudyError> {
     let folder = arguments.out.join(study.name());
-    std::fs::create_dir_all(&folder)?;
-    let _lock = Lock::acquire(&folder)?;
+    // Where the study fails nothing is left.
+    let _made = MadeFolder::make(&folder)?;
     let evidence = studies::run(study, bench)?;
     page::write(&folder, &evidence, &command(typed, bench))?;
     (bench.tell)(&folder.join(page::PAGE).display().to_string());

@@ -12,7 +12,7 @@ use super::{
     Failure, Outcome,
     cases::{CaseArguments, Ended},
     diagnose,
-    labels::{MAX_LABELS, parse_labels},
+    labels::{EXPECTED, MAX_LABELS, parse_labels},
     nulls::{self, NullsArguments},
     shown::ProgressArguments,
     stop_on_interrupt,
@@ -49,7 +49,8 @@ pub(super) enum StudyCommand {
 pub(super) struct MismatchArguments {
     /// Folder of captures.
     pub captures: PathBuf,
-    /// JSON: for each capture's name `{"effects": [identifiers]}`.
+    /// JSON: what each capture's simulation lacks, by its folder's name, such as {"hall": {"effects": ["vignetting"]}, "yard":
+    /// {"effects": []}}.
     #[arg(long, value_name = "FILE")]
     pub labels: PathBuf,
     /// Folder whose subfolders hold a reconstruction for each capture [default: made anew].
@@ -90,8 +91,9 @@ pub(super) fn run(
     };
     let bytes = read_limited(&arguments.labels, MAX_LABELS).map_err(|error| {
         Failure::bad_input(format!(
-            "cannot read the labels {}: {error}",
-            arguments.labels.display()
+            "cannot read the labels {}: {error}; the file holds what each capture's simulation lacks, by its folder's name: {}",
+            arguments.labels.display(),
+            EXPECTED
         ))
     })?;
     let labels = parse_labels(&bytes, &arguments.labels).map_err(Failure::bad_input)?;

@@ -22,7 +22,8 @@ use crate::{
 const ENVIRONMENT_ROWS: usize = 50;
 
 const EXAMPLES: &str = "Example:
-  eclipse synthesize --mesh bunny.obj --environment sky.exr --operator --out my-capture
+  eclipse synthesize --mesh bunny.obj --environment sky.exr --operator \\
+    --out my-capture
   eclipse reconstruct my-capture --out out/mine
   eclipse evaluate out/mine --truth my-capture/truth";
 
@@ -45,16 +46,16 @@ pub(super) struct SynthesizeArguments {
     #[arg(long, value_enum, default_value_t = Bsdf::Ggx)]
     pub bsdf: Bsdf,
     /// Mean albedo, linear R,G,B between 0 and 1.
-    #[arg(long, value_name = "R,G,B", value_delimiter = ',', num_args = 1, default_value = "0.5,0.45,0.4", value_parser = share)]
+    #[arg(long, value_name = "R,G,B", value_delimiter = ',', num_args = 1, default_value = "0.5,0.45,0.4", allow_hyphen_values = true, value_parser = share)]
     pub albedo: Vec<f32>,
     /// How far smooth patches depart from the mean albedo.
-    #[arg(long, value_name = "V", default_value_t = 0.25, value_parser = share)]
+    #[arg(long, value_name = "V", default_value_t = 0.25, allow_hyphen_values = true, value_parser = share)]
     pub variation: f32,
     /// Roughness α of the GGX lobe.
-    #[arg(long, default_value_t = 0.6, value_parser = share)]
+    #[arg(long, default_value_t = 0.6, allow_hyphen_values = true, value_parser = share)]
     pub alpha: f32,
     /// Specular reflectance κ at normal incidence.
-    #[arg(long, default_value_t = 0.04, value_parser = share)]
+    #[arg(long, default_value_t = 0.04, allow_hyphen_values = true, value_parser = share)]
     pub kappa: f32,
     /// A person stands behind each camera.
     #[arg(long, conflicts_with = "occluders")]
@@ -63,19 +64,19 @@ pub(super) struct SynthesizeArguments {
     #[arg(long, value_name = "FILE")]
     pub occluders: Option<PathBuf>,
     /// Photographs.
-    #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    #[arg(long, value_name = "N", default_value_t = 24, allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1000))]
     pub frames: u16,
     /// Pixels across and down.
-    #[arg(long, value_name = "N", default_value_t = 128, value_parser = clap::value_parser!(u16).range(8..=4096))]
+    #[arg(long, value_name = "N", default_value_t = 128, allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(8..=4096))]
     pub resolution: u16,
     /// Distance of the cameras in bounding radii of the object.
-    #[arg(long, value_name = "D", default_value_t = 5.0, value_parser = units::distance)]
+    #[arg(long, value_name = "D", default_value_t = 5.0, allow_negative_numbers = true, value_parser = units::distance)]
     pub distance: f32,
     /// Standard deviation of the sensor's noise at a value of ¾.
-    #[arg(long, value_name = "S", default_value_t = 0.004, value_parser = share)]
+    #[arg(long, value_name = "S", default_value_t = 0.004, allow_hyphen_values = true, value_parser = share)]
     pub noise: f32,
     /// Seed of the noise.
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true, value_parser = units::at_least::<0>)]
     pub seed: u64,
     #[command(flatten)]
     pub progress: ProgressArguments,

@@ -78,6 +78,17 @@ pub(super) fn bytes(count: u64) -> String {
     }
 }
 
+/// A whole number from `LEAST`.
+pub(super) fn at_least<const LEAST: u64>(text: &str) -> Result<u64, String> {
+    let value = text.parse().ok().filter(|value| *value >= LEAST);
+    value.ok_or_else(|| {
+        format!(
+            "`{text}` is not a whole number from {LEAST} to {}",
+            u64::MAX
+        )
+    })
+}
+
 /// A number within bounds.
 pub(super) fn number(text: &str, least: f32, most: f32) -> Result<f32, String> {
     let value = text

@@ -138,7 +138,7 @@ pub struct Limit {
 /// model would not explain.
 ///
 /// # Errors
-/// A mesh that cannot be traced, or nothing to be seen.
+/// A mesh that cannot be traced, nothing to be seen, or views that are no numbers.
 pub fn limits(
     capture: &Capture,
     grain: Grain,
@@ -152,7 +152,8 @@ pub fn limits(
         let [known, unknown] = scene.grams(masks.as_deref());
         for (gram, albedo) in [(known, true), (unknown, false)] {
             let known = Known { operator, albedo };
-            limits.push(Limit::new(known, scene.grid, gram));
+            let limit = Limit::new(known, scene.grid, gram);
+            limits.push(limit.ok_or(ReconstructError::NothingTold)?);
         }
     }
     Ok(limits)
@@ -329,15 +330,16 @@ fn value(view: &View) -> f64 {
 }
 
 impl Limit {
-    fn new(known: Known, grid: LatLong, mut gram: DMatrix<f64>) -> Self {
+    /// `None` where the views say nothing that can be computed with: 1 + G is positive definite for all that are finite.
+    fn new(known: Known, grid: LatLong, mut gram: DMatrix<f64>) -> Option<Self> {
         let n = grid.len();
         for i in 0..n {
             gram[(i, i)] += 1.0;
         }
-        let Some(factor) = gram.cholesky() else {
-            unreachable!("1 + G is positive definite");
-        };
-        let left = factor.inverse();
+        let left = gram.cholesky()?.inverse();
+        if left.iter().any(|value| !value.is_finite()) {
+            return None;
+        }
         let blocks = [1, 2, 4, 8].into_iter().filter(|k| grid.rows / k >= 2);
         let revealed: Vec<(f64, f64)> = blocks
             .map(|k| {
@@ -345,13 +347,13 @@ impl Limit {
                 (degrees, 1.0 - left_in_blocks(&left, grid, k))
             })
             .collect();
-        Self {
+        Some(Self {
             known,
             grid,
             left: (0..n).map(|i| left[(i, i)].sqrt() as f32).collect(),
             error: left_in_blocks(&left, grid, 1).sqrt(),
             revealed,
-        }
+        })
     }
 }
 
@@ -379,4 +381,27 @@ fn left_in_blocks(left: &DMatrix<f64>, grid: LatLong, side: usize) -> f64 {
         }
     }
     after / before
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn views_that_are_no_numbers_have_no_limit() {
+        let grid = LatLong::new(2, 4);
+        let known = Known {
+            operator: false,
+            albedo: true,
+        };
+        let limit = |value: f64| {
+            let gram = DMatrix::from_diagonal_element(grid.len(), grid.len(), value);
+            Limit::new(known, grid, gram)
+        };
+        let half = limit(1.0).map(|limit| limit.error * limit.error);
+        assert!(half.is_some_and(|half| (half - 0.5).abs() < 1e-12));
+        for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -2.0] {
+            assert!(limit(value).is_none(), "{value}");
+        }
+    }
 }

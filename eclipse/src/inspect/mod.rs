@@ -101,6 +101,10 @@ pub struct FrameInspection {
 /// The object's shape, in the capture's own frame.
 #[derive(Clone, Debug, Serialize)]
 pub struct ObjectInspection {
+    /// The file of the shape; none where it is told in words.
+    pub file: Option<PathBuf>,
+    /// Other meshes of the capture, which are not used.
+    pub passed_over: Vec<PathBuf>,
     /// Triangles.
     pub faces: usize,
     /// Vertices.
@@ -252,7 +256,7 @@ fn of_capture(
         format: source.format,
         described_by: source.path.clone(),
         left_out: source.left_out,
-        object: object(capture, source.mesh.as_deref()),
+        object: object(capture, source),
         cameras: cameras(capture, up, &frames),
         lamps: capture.lamps.as_ref().map(|known| lamps(capture, known)),
         silhouettes: silhouettes(&frames),
@@ -297,14 +301,16 @@ fn covered(frame: &Frame) -> usize {
     frame.mask.data.iter().filter(|&&m| m > 0.5).count()
 }
 
-fn object(capture: &Capture, file: Option<&Path>) -> ObjectInspection {
+fn object(capture: &Capture, source: &Source) -> ObjectInspection {
     let mesh = &capture.mesh;
     let [low, high] = mesh.bounds();
     ObjectInspection {
+        file: source.mesh.clone(),
+        passed_over: source.other_meshes.clone(),
         faces: mesh.faces.len(),
         vertices: mesh.positions.len(),
         textured: !mesh.uvs.is_empty(),
-        unused: file.map_or(Vec::new(), looks_of),
+        unused: source.mesh.as_deref().map_or(Vec::new(), looks_of),
         centre: capture.centre.to_array(),
         size: (high - low).to_array(),
         radius: mesh.bounding_radius(),

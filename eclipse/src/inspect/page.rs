@@ -15,6 +15,7 @@ use crate::{
         pictures::{data_uri, exposure, reduced, tonemapped},
         text::{escaped, number, table},
     },
+    wording::counted,
 };
 
 /// The page's name in its folder.
@@ -112,10 +113,10 @@ fn summary(inspection: &Inspection) -> String {
         None => "",
     };
     format!(
-        "{} photographs ({}) of an object of {} triangles; silhouettes overlap the masks by {:.2}.{verdict}",
-        inspection.frames.len(),
+        "{} ({}) of an object of {}; silhouettes overlap the masks by {:.2}.{verdict}",
+        counted(inspection.frames.len(), "photograph"),
         inspection.format,
-        inspection.object.faces,
+        counted(inspection.object.faces, "triangle"),
         inspection.silhouettes.median
     )
 }

@@ -1,6 +1,9 @@
 //! What may spoil a reconstruction: one sentence each, with what to do.
 
-use super::Inspection;
+use std::path::Path;
+
+use super::{Inspection, ObjectInspection};
+use crate::wording::counted;
 
 /// Overlaps below this are poor.
 const POOR_OVERLAP: f32 = 0.8;
@@ -18,6 +21,7 @@ const FEW: usize = 12;
 
 pub(super) fn all(inspection: &Inspection) -> Vec<String> {
     let always = [
+        meshes(inspection),
         poor_overlap(inspection),
         clipped(inspection),
         black(inspection),
@@ -34,10 +38,34 @@ pub(super) fn all(inspection: &Inspection) -> Vec<String> {
         .collect()
 }
 
+fn meshes(inspection: &Inspection) -> Option<String> {
+    let ObjectInspection {
+        file, passed_over, ..
+    } = &inspection.object;
+    let others: Vec<String> = passed_over.iter().map(|path| name(path)).collect();
+    (!others.is_empty()).then(|| {
+        format!(
+            "{} is there too and not used, the mesh being {}: remove what is not meant, or name the mesh with --mesh",
+            others.join(", "),
+            file.as_deref().map_or("another".to_owned(), name)
+        )
+    })
+}
+
+fn name(path: &Path) -> String {
+    path.file_name()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned()
+}
+
 fn few(inspection: &Inspection) -> Option<String> {
     let count = inspection.frames.len();
     (count < FEW).then(|| {
-        format!("only {count} photographs: occluders are told from light by many; take a few dozen")
+        format!(
+            "only {}: occluders are told from light by many; take a few dozen",
+            counted(count, "photograph")
+        )
     })
 }
 

@@ -21,7 +21,10 @@ use std::{
 use glam::Vec3;
 use render::mesh::Mesh;
 
-use crate::files::{atomic, read_limited};
+use crate::{
+    files::{atomic, read_limited},
+    wording::counted,
+};
 
 pub use gltf_in::{Load, parse_glb, parse_gltf};
 pub use gltf_out::{GlbSurface, GlbTextures, encode_glb};
@@ -192,7 +195,7 @@ pub enum MeshParseError {
     },
     /// There is nothing to see.
     #[error(
-        "has no faces ({vertices} vertices): a point cloud does not do, export a triangle mesh"
+        "has no faces ({}): a point cloud does not do, export a triangle mesh", counted(*vertices, "vertex")
     )]
     NoFaces {
         /// Vertices it has.
@@ -200,7 +203,7 @@ pub enum MeshParseError {
     },
     /// A face names a vertex that is not there.
     #[error(
-        "has a face (number {face}, from 0) that names vertex {index}, but there are {vertices} vertices; export it again"
+        "has a face (number {face}, from 0) that names vertex {index}, but the mesh has {}; export it again", counted(*vertices, "vertex")
     )]
     Index {
         /// The face, counted from 0.
@@ -212,7 +215,7 @@ pub enum MeshParseError {
     },
     /// Positions that are NaN or infinite.
     #[error(
-        "has {count} vertices with coordinates that are not finite, the first is number {first} (from 0); repair it, or delete them"
+        "has {} with coordinates that are not finite, the first is number {first} (from 0); repair it, or delete them", counted(*count, "vertex")
     )]
     NotFinite {
         /// How many.
@@ -221,7 +224,7 @@ pub enum MeshParseError {
         first: usize,
     },
     /// Nothing says what the surface is like.
-    #[error("has no materials ({0}): name a folder that `eclipse reconstruct` wrote")]
+    #[error("has no materials ({0}); expected the mesh.glb of a run")]
     NoMaterials(&'static str),
     /// All vertices lie at one point.
     #[error("has no extent: all its vertices lie at one point")]

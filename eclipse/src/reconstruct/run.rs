@@ -59,6 +59,7 @@ pub fn run(
     control: &Control<'_>,
 ) -> Result<Reconstruction, ReconstructError> {
     settings.check()?;
+    settings.check_frames(capture.frames.len())?;
     check_light(capture)?;
     check_memory(capture, settings)?;
     if let Some(checkpoint) = control.resume {

@@ -12,6 +12,7 @@ use crate::{
     capture::{Capture, Frame},
     image_io::ImageIoError,
     reconstruction::Reconstruction,
+    wording::counted,
 };
 
 /// Longest side of an embedded photograph in pixels.
@@ -93,7 +94,7 @@ impl<'a> Page<'a> {
     /// What was done and how well it went, in one sentence, and what to know before trusting it.
     pub(super) fn header(&self) -> String {
         let solved = self.reconstruction;
-        let frames = self.capture.frames.len();
+        let frames = counted(self.capture.frames.len(), "photograph");
         let size = self
             .capture
             .frames
@@ -110,6 +111,7 @@ impl<'a> Page<'a> {
             ", materials and what blocked the light of each photograph"
         };
         let iterations = solved.curve.last().map_or(0, |last| last.iteration);
+        let iterations = counted(iterations as usize, "iteration");
         let psnr = solved.metrics.photometric.psnr;
         let agreement = [
             psnr.map(|psnr| format!("to {} dB", number(psnr))),
@@ -136,7 +138,7 @@ impl<'a> Page<'a> {
         };
         format!(
             "<header>\n<p class=\"kicker\">Reconstruction</p>\n<h1>{title}</h1>\n<p class=\"summary\">Light{what} were \
-             recovered from {frames} photographs{size} in {time} ({iterations} iterations, {ended}); the renders agree \
+             recovered from {frames}{size} in {time} ({iterations}, {ended}); the renders agree \
              with the photographs {agreement}.{doubt}{limit}</p>\n{notes}</header>\n",
             title = escaped(&self.title()),
             time = duration(solved.seconds()),

@@ -74,6 +74,21 @@ pub(super) struct Lacks {
     pub cut: bool,
 }
 
+/// Whether a folder is a capture that can be scored.
+fn has_truth(folder: &Path) -> bool {
+    folder.join("truth/environment.exr").is_file()
+}
+
+/// The folder that a folder lies in, also where it is `.`.
+fn parent(folder: &Path) -> PathBuf {
+    match folder.parent() {
+        Some(parent) if parent != Path::new("") => parent.to_owned(),
+        // A name alone lies here; `.` and `..` have none.
+        Some(_) if folder.file_name().is_some() => PathBuf::from("."),
+        _ => folder.join(".."),
+    }
+}
+
 impl<'a> Bench<'a> {
     /// A bench on which nothing has been solved.
     pub fn new(
@@ -162,12 +177,19 @@ impl<'a> Bench<'a> {
     fn folders(&self) -> Result<Vec<PathBuf>, StudyError> {
         let none = |source| StudyError::Captures {
             path: self.captures.to_owned(),
+            hint: match has_truth(self.captures) {
+                true => format!(
+                    ": it is a capture itself, and --captures takes the folder that it lies in, {}",
+                    parent(self.captures).display()
+                ),
+                false => "; name their folder with --captures".to_owned(),
+            },
             source,
         };
         let mut folders = Vec::new();
         for entry in std::fs::read_dir(self.captures).map_err(|error| none(Some(error)))? {
             let path = entry.map_err(|error| none(Some(error)))?.path();
-            if path.join("truth/environment.exr").is_file() {
+            if has_truth(&path) {
                 folders.push(path);
             }
         }

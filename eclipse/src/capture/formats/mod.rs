@@ -31,6 +31,8 @@ pub struct Source {
     pub points: Option<PathBuf>,
     /// The file of the object's shape, where one was found: what was asked for, or the capture's own.
     pub mesh: Option<PathBuf>,
+    /// Other files of the capture that might be meant, and are not used.
+    pub other_meshes: Vec<PathBuf>,
 }
 
 /// One way to describe a capture.
@@ -90,5 +92,6 @@ fn source(path: &Path, transforms: Transforms) -> Source {
         left_out: 0,
         points: None,
         mesh: None,
+        other_meshes: Vec::new(),
     }
 }

@@ -26,7 +26,7 @@ fn read(folder: &Folder) -> Option<Result<Source, CaptureError>> {
         Ok(Source {
             left_out: all - transforms.frames.len(),
             // What is not there, or not to be read, is told of where the mesh is looked for.
-            points: points.and_then(|name| folder.ply(name).ok()),
+            points: points.and_then(|name| folder.ply(&path, name).ok()),
             ..source(&path, transforms)
         })
     })

@@ -8,6 +8,7 @@ use crate::{
     layout,
     reconstruction::{Ended, Reconstruction},
     report::text,
+    wording::counted,
 };
 
 /// What is printed at the end.
@@ -42,13 +43,11 @@ pub(super) fn summary(folder: &Path, solved: &Reconstruction, as_json: bool) -> 
 
 /// How much was done, and why no more.
 fn work(solved: &Reconstruction) -> String {
-    let (iterations, plural) = match solved.curve.last().map_or(0, |last| last.iteration) {
-        1 => (1, ""),
-        n => (n, "s"),
-    };
-    let time = text::duration(solved.seconds());
+    let iterations = solved.curve.last().map_or(0, |last| last.iteration);
     format!(
-        "{iterations} iteration{plural} in {time}, {}\n",
+        "{} in {}, {}\n",
+        counted(iterations as usize, "iteration"),
+        text::duration(solved.seconds()),
         text::ended(solved.ended)
     )
 }

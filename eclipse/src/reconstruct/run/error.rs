@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use render::mesh::MeshError;
 
-use crate::{checkpoint::CheckpointError, settings::SettingsError};
+use crate::{checkpoint::CheckpointError, settings::SettingsError, wording::amount};
 
 use super::super::paper::PaperError;
 
@@ -25,10 +25,10 @@ pub enum ReconstructError {
     },
     /// The capture takes more memory than a run may.
     #[error(
-        "a run takes about {needed} MiB of memory even with the surface divided as coarsely as it can be, more than the {allowed} MiB \
+        "a run takes about {needed} MiB of memory even with the surface divided as coarsely as it can be, more than the {allowed} \
          allowed: give eclipse reconstruct --memory {needed}MiB or more (diagnose takes what it finds, with --reconstruction), or use \
          fewer or smaller photographs (--max-size)",
-        needed = needed.div_ceil(1 << 20), allowed = allowed >> 20
+        needed = needed.div_ceil(1 << 20), allowed = amount(*allowed)
     )]
     Memory {
         /// What the coarsest plan takes, in bytes.
@@ -45,6 +45,12 @@ pub enum ReconstructError {
          camera: check the masks and the exposure, or lower --hold-out's share"
     )]
     NothingToFit,
+    /// Views of the surface that are no numbers.
+    #[error(
+        "what the photographs tell of the light cannot be computed: it is not finite; check the scale of mesh and poses, and the \
+         photographs for values that are far too large"
+    )]
+    NothingTold,
     /// The tape did not compile.
     #[error("the solver failed: {0}; please report this with the capture")]
     Graph(#[from] autodiff::GraphError),
@@ -63,9 +69,11 @@ impl ReconstructError {
     /// Whether the capture, or the result to start from, is to blame and not the run.
     pub fn is_of_the_input(&self) -> bool {
         match self {
-            Self::KnownLamps { .. } | Self::Memory { .. } | Self::Mesh(_) | Self::NothingToFit => {
-                true
-            }
+            Self::KnownLamps { .. }
+            | Self::Memory { .. }
+            | Self::Mesh(_)
+            | Self::NothingToFit
+            | Self::NothingTold => true,
             Self::Paper(error) => matches!(error, PaperError::NoPixels | PaperError::Start { .. }),
             Self::Settings(_) | Self::Graph(_) | Self::Tape(_) | Self::Checkpoint(_) => false,
         }

@@ -20,6 +20,7 @@ use super::{Format, Source, source};
 use crate::{
     capture::{
         CaptureError,
+        error::At,
         paths::Folder,
         transforms::{Intrinsics, Transforms, TransformsFrame},
     },
@@ -116,7 +117,7 @@ fn read_model(folder: &Folder, place: &Path, encoding: Encoding) -> Result<Sourc
         [&cameras, &images],
     )?;
     for frame in &mut transforms.frames {
-        locate(folder, frame)?;
+        locate(folder, &images, frame)?;
     }
     Ok(Source {
         points: points.is_file().then_some(points),
@@ -136,10 +137,11 @@ fn read_file(path: &Path) -> Result<Vec<u8>, CaptureError> {
 }
 
 /// Gives a frame the paths of its photograph and its mask, in place of the bare name that the model has.
-fn locate(folder: &Folder, frame: &mut TransformsFrame) -> Result<(), CaptureError> {
+fn locate(folder: &Folder, path: &Path, frame: &mut TransformsFrame) -> Result<(), CaptureError> {
     let name = std::mem::take(&mut frame.file_path);
     frame.file_path = format!("images/{name}");
-    folder.image(&name, "NAME", &frame.file_path)?;
+    let at = At { path, frame: &name };
+    folder.image(at, "NAME", &frame.file_path)?;
     if folder.path().join("masks").is_dir() {
         let own = Path::new(&name).with_extension("");
         let masks = [
@@ -150,7 +152,7 @@ fn locate(folder: &Folder, frame: &mut TransformsFrame) -> Result<(), CaptureErr
         let mask = masks.iter().find(|mask| folder.has_image(mask));
         // Masks of some photographs only are an oversight: the error names the file that COLMAP would look for.
         let mask = mask.unwrap_or(&masks[0]);
-        folder.image(&name, "masks", mask)?;
+        folder.image(at, "masks", mask)?;
         frame.mask_path = Some(mask.clone());
     }
     Ok(())
