@@ -11,6 +11,14 @@ pub mod scenes;
 pub mod small_capture;
 pub mod statistics;
 
-/// Memory in bytes with which the solver divides a surface into some hundred patches and not fifteen hundred: the same steps, in a
-/// fraction of the time.
-pub const LITTLE_MEMORY: u64 = 320 << 20;
+use eclipse::settings::Settings;
+
+/// The solver as it is, on a light of fewer texels and a surface in a few hundred patches: the same steps in a fraction of the time.
+pub fn coarse() -> Settings {
+    Settings {
+        time_limit: None,
+        grid_rows: 18,
+        memory: 256 << 20,
+        ..Settings::default()
+    }
+}

@@ -17,7 +17,7 @@ use eclipse::{
     synthesize::{Occluders, Pattern, Scene, Shooting, synthesize},
 };
 use eclipse_tests::{
-    LITTLE_MEMORY,
+    coarse,
     scenes::{add_sphere, interior},
 };
 use glam::Vec3;
@@ -69,11 +69,9 @@ fn settings(with: &[&str]) -> Settings {
     Settings {
         lambertian: true,
         occluders: false,
-        time_limit: None,
         iterations: Some(8),
-        memory: LITTLE_MEMORY,
         with: with.iter().map(|name| (*name).to_owned()).collect(),
-        ..Settings::default()
+        ..coarse()
     }
 }
 

@@ -12,7 +12,7 @@ use eclipse::{
     settings::{OccluderPrior, Settings},
     synthesize::{Occluders, Pattern, Scene, Shooting, synthesize},
 };
-use eclipse_tests::{LITTLE_MEMORY, perfect::bundled, scenes};
+use eclipse_tests::{coarse, perfect::bundled, scenes};
 use render::{bsdf::Model, lat_long::LatLong};
 
 /// What a few steps recover of a matte object, occluders modelled or not.
@@ -20,10 +20,8 @@ fn recovered(capture: &Capture, occluders: bool, iterations: u64) -> Reconstruct
     let settings = Settings {
         lambertian: true,
         occluders,
-        time_limit: None,
         iterations: Some(iterations),
-        memory: LITTLE_MEMORY,
-        ..Settings::default()
+        ..coarse()
     };
     reconstruct::run(capture, &settings, &Control::detached()).unwrap()
 }
@@ -59,10 +57,8 @@ fn of_held_out(occluders: bool, occluder_prior: OccluderPrior) -> Reconstruction
         occluders,
         occluder_prior,
         hold_out: Some(4),
-        time_limit: None,
         iterations: Some(8),
-        memory: LITTLE_MEMORY,
-        ..Settings::default()
+        ..coarse()
     };
     let capture = pair(Occluders::Operator);
     reconstruct::run(&capture, &settings, &Control::detached()).unwrap()
