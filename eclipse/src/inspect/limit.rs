@@ -336,8 +336,12 @@ impl Limit {
         for i in 0..n {
             gram[(i, i)] += 1.0;
         }
+        let is_finite = |matrix: &DMatrix<f64>| matrix.iter().all(|value| value.is_finite());
+        if !is_finite(&gram) {
+            return None;
+        }
         let left = gram.cholesky()?.inverse();
-        if left.iter().any(|value| !value.is_finite()) {
+        if !is_finite(&left) {
             return None;
         }
         let blocks = [1, 2, 4, 8].into_iter().filter(|k| grid.rows / k >= 2);
