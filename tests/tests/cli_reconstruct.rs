@@ -253,7 +253,27 @@ fn a_run_that_writes_over_an_earlier_one_says_so() {
     assert!(!says("1", &[]));
     assert!(says("1", &[]));
     assert!(!says("2", &["--resume"]));
-    assert!(!says("1", &["--progress", "none"]));
+    // Whatever is shown of progress: a result is about to be lost.
+    assert!(says("1", &["--progress", "none"]));
+    assert!(says("1", &["--json"]));
+}
+
+#[test]
+fn nothing_that_no_run_has_written_is_written_over() {
+    let capture = small_capture::on_disk();
+    let refused = |out: &Path, says: &str| {
+        let output = run(&[text(capture), "--iterations", "1", "--out", text(out)]);
+        assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+        assert!(stderr(&output).contains(says), "{}", stderr(&output));
+    };
+    let mesh = fs::read(capture.join("mesh.glb")).unwrap();
+    refused(capture, "the capture itself");
+    assert_eq!(fs::read(capture.join("mesh.glb")).unwrap(), mesh);
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("report.html"), "mine").unwrap();
+    refused(folder.path(), "report.html");
+    let left: Vec<_> = fs::read_dir(folder.path()).unwrap().collect();
+    assert_eq!(left.len(), 1, "{left:?}");
 }
 
 #[test]
