@@ -65,6 +65,7 @@ impl From<Outcome> for ExitCode {
 }
 
 /// A command that failed: how to exit and what to say.
+#[derive(Debug)]
 struct Failure {
     outcome: Outcome,
     message: String,

@@ -4,7 +4,7 @@
 //! with the effects of [`criticism`](crate::criticism). Photographs are then taken back to what they would be without the
 //! effects and reconstructed; renders are given the effects, so that they can be compared with the photographs.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, time::Instant};
 
 use serde_json::{Map, Value, json};
 
@@ -28,7 +28,9 @@ use crate::{
 pub const OCCLUDER: &str = "moving_occluder";
 /// Share of the time limit for the simulation that the camera is fitted beside, and the most seconds it takes.
 const SIMULATION: (f64, f64) = (0.2, 60.0);
-/// The same in iterations.
+/// Share of the time limit after which the fit of the camera ends as well, but for the steps that it has at least.
+const CAMERA: (f64, usize) = (0.4, 2);
+/// What the simulation takes in iterations at most.
 const ITERATIONS: u64 = 12;
 /// Steps of the fit before effects take part, and with them.
 const STEPS: [usize; 2] = [6, 10];
@@ -47,14 +49,14 @@ pub fn run(
     if settings.with.is_empty() {
         return Ok(reconstruct::run(capture, settings, control)?);
     }
-    let began = std::time::Instant::now();
+    let began = Instant::now();
     let effects = of_the_camera(&settings.with)?;
     let cameras = match control.resume {
         Some(checkpoint) => effects
             .iter()
             .map(|effect| Camera::read(*effect, checkpoint))
             .collect::<Result<_, _>>()?,
-        None => match fit(capture, settings, &effects, control)? {
+        None => match fit(capture, settings, &effects, control, began)? {
             Fitted::Cameras(cameras) => cameras,
             Fitted::Interrupted(found) => return Ok(*found),
         },
@@ -233,6 +235,7 @@ fn fit(
     settings: &Settings,
     effects: &[&'static dyn Effect],
     control: &Control<'_>,
+    began: Instant,
 ) -> Result<Fitted, JointError> {
     let told = |stage: &'static str| {
         (control.progress)(&Progress {
@@ -258,15 +261,16 @@ fn fit(
         resume: None,
         ..*control
     };
-    let mut found = reconstruct::run(capture, &simulated, &unsaved)?;
+    let found = reconstruct::run(capture, &simulated, &unsaved)?;
     if found.ended == Ended::Interrupted {
-        found.settings = settings.clone();
-        found
-            .notes
-            .push("interrupted before the camera was fitted".to_owned());
-        return Ok(Fitted::Interrupted(Box::new(found)));
+        return Ok(interrupted(found, settings));
     }
     told("camera");
+    let (share, least) = CAMERA;
+    let goes_on = |step: usize| {
+        let over = |limit: f64| began.elapsed().as_secs_f64() > share * limit;
+        !control.stopped() && (step < least || !settings.time_limit.is_some_and(over))
+    };
     let options = Options::default();
     let study = Study::new(
         capture,
@@ -276,12 +280,15 @@ fn fit(
         settings.seed,
     )?;
     let mut fit = Fit::start(&study)?;
-    fit.refine(&study, STEPS[0])?;
+    fit.refine_while(&study, STEPS[0], &goes_on)?;
     let occluder = effects::by_id(OCCLUDER).filter(|_| settings.occluders);
     for effect in occluder.into_iter().chain(effects.iter().copied()) {
         fit.add(effect, Vec::new());
     }
-    fit.refine(&study, STEPS[1])?;
+    fit.refine_while(&study, STEPS[1], &goes_on)?;
+    if control.stopped() {
+        return Ok(interrupted(found, settings));
+    }
     let of_effect = |effect: &&'static dyn Effect| -> Option<Camera> {
         let active = fit.active.iter().find(|a| a.effect.id() == effect.id())?;
         let link = fit.link(effect.id())?;
@@ -294,6 +301,16 @@ fn fit(
     Ok(Fitted::Cameras(
         effects.iter().filter_map(of_effect).collect(),
     ))
+}
+
+/// What there is without the camera.
+fn interrupted(mut found: Reconstruction, settings: &Settings) -> Fitted {
+    found.ended = Ended::Interrupted;
+    found.settings = settings.clone();
+    found
+        .notes
+        .push("interrupted before the camera was fitted".to_owned());
+    Fitted::Interrupted(Box::new(found))
 }
 
 /// Why a joint reconstruction could not be made.

@@ -12,7 +12,7 @@ use eclipse::{
     criticism::effects,
     evaluate::environment,
     joint::{self, JointError},
-    reconstruction::Reconstruction,
+    reconstruction::{Ended, Reconstruction},
     settings::Settings,
     synthesize::{Occluders, Pattern, Scene, Shooting, synthesize},
 };
@@ -145,6 +145,30 @@ fn an_interrupted_run_goes_on_bit_for_bit() {
     let camera = |of: &Reconstruction| of.metrics.extra["camera"].clone();
     assert!(camera(&found)["vignetting"].is_object());
     assert_eq!(camera(&found), camera(&whole));
+}
+
+#[test]
+fn an_interrupt_ends_the_fit_of_the_camera() {
+    let (capture, _) = made(28);
+    let with = Settings {
+        iterations: Some(1),
+        ..settings(&["vignetting"])
+    };
+    let stop = AtomicBool::new(false);
+    let interrupted = Control {
+        stop: &stop,
+        progress: &|progress| {
+            if progress.stage == "camera" {
+                stop.store(true, Ordering::Relaxed);
+            }
+        },
+        ..Control::detached()
+    };
+    let found = joint::run(&capture, &with, &interrupted).unwrap();
+    assert_eq!((found.ended, &found.settings), (Ended::Interrupted, &with));
+    assert!(!found.metrics.extra.contains_key("camera"));
+    let says = |note: &String| note.contains("before the camera was fitted");
+    assert!(found.notes.iter().any(says), "{:?}", found.notes);
 }
 
 #[test]

@@ -14,8 +14,21 @@ impl Fit {
     /// # Errors
     /// A bug of the tape.
     pub fn refine(&mut self, study: &Study<'_>, steps: usize) -> Result<(), FitError> {
+        self.refine_while(study, steps, &|_| true)
+    }
+
+    /// The same as long as `goes_on` says so, asked before each step with its number.
+    ///
+    /// # Errors
+    /// As [`refine`](Self::refine).
+    pub fn refine_while(
+        &mut self,
+        study: &Study<'_>,
+        steps: usize,
+        goes_on: &dyn Fn(usize) -> bool,
+    ) -> Result<(), FitError> {
         let mut settled = 0;
-        for step in 0..steps {
+        for step in (0..steps).take_while(|&step| goes_on(step)) {
             self.relink(study)?;
             let lobe = self.lobe.is_some();
             // Under the same weights: what their estimates do to the cost is no progress.
