@@ -45,8 +45,8 @@ pub(super) const ROUND_DAMPING: f32 = 300.0;
 const COARSE_SHARE: f64 = 0.4;
 /// Share that it has at least of what is left when it can begin: from nothing, the fine stage finds nothing.
 const LEAST_COARSE_SHARE: f64 = 0.25;
-/// Share of the time limit kept for materials and images, and seconds that suffice for them.
-const FINISH: (f64, f64) = (0.15, 45.0);
+/// Seconds kept for materials and images, with a share of the time limit, which is longer where there is more to do; and what suffices.
+const FINISH: (f64, f64, f64) = (3.0, 0.05, 45.0);
 
 /// Where in the schedule a run stands.
 #[derive(Clone, Copy)]
@@ -74,7 +74,8 @@ impl Place {
 /// Seconds of a limit after which all steps end.
 pub(super) fn end_of_steps(limit: f64) -> f64 {
     // Standard deviations come last and take a share of all that was spent before.
-    limit / (1.0 + DEVIATIONS) - (FINISH.0 * limit).min(FINISH.1)
+    let (least, share, most) = FINISH;
+    limit / (1.0 + DEVIATIONS) - (least + share * limit).min(most)
 }
 
 #[cfg(test)]
