@@ -35,7 +35,7 @@ use std::{
 use clap::Parser;
 
 use crate::{
-    files::{lock::LockError, made::MadeFolder},
+    files::{folder_of, lock::LockError, made::MadeFolder},
     output::{self, OutputError},
     progress,
 };
@@ -115,14 +115,11 @@ fn not_of_a_run(
     missing: bool,
 ) -> Failure {
     let takes = format!("eclipse {command} takes a folder that `eclipse reconstruct` wrote");
-    let parent = folder
-        .parent()
-        .filter(|parent| !parent.as_os_str().is_empty());
     Failure::bad_input(match missing {
         _ if folder.is_file() => format!(
             "{} is a file, but {takes}; give its own: {}",
             folder.display(),
-            parent.unwrap_or(Path::new(".")).display()
+            folder_of(folder).display()
         ),
         true => format!("{error}; {takes}"),
         false => error.to_string(),

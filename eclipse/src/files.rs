@@ -32,6 +32,13 @@ pub fn read_limited(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
+/// The folder that `path` lies in: the present one, where it is a name alone.
+pub fn folder_of(path: &Path) -> &Path {
+    path.parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .unwrap_or(Path::new("."))
+}
+
 /// Makes the folder `path`, or takes one that holds the file `marker`, by which earlier results of the same kind are known.
 ///
 /// Returns whether it is one's own: `false` when it holds anything else, which must not be written over.

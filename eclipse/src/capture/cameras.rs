@@ -12,7 +12,7 @@ use super::{
     pose::{camera, declared_size, rigid_pose},
     transforms::{Transforms, read_transforms},
 };
-use crate::image_io::read_image;
+use crate::{files::folder_of, image_io::read_image};
 
 /// Widest or highest picture that is rendered, in pixels.
 pub const MAX_PICTURE_SIDE: usize = 8192;
@@ -94,8 +94,7 @@ fn described(
         return Ok((source.path, source.transforms, folder));
     }
     let transforms = read_transforms(path)?;
-    let parent = path.parent().filter(|folder| *folder != Path::new(""));
-    let folder = Folder::new(parent.unwrap_or(Path::new(".")), allow_outside)?;
+    let folder = Folder::new(folder_of(path), allow_outside)?;
     Ok((path.into(), transforms, folder))
 }
 

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 
 use super::{Capture, CaptureError, Frame};
 use crate::{
-    files::atomic,
+    files::{atomic, folder_of},
     image_io::{ExrOptions, Precision, write_exr_with},
     mesh_io::{GlbSurface, write_glb},
 };
@@ -37,11 +37,7 @@ pub fn write_with<E: From<CaptureError>>(
         source,
     };
     vacant(path)?;
-    let parent = path
-        .parent()
-        .filter(|parent| !parent.as_os_str().is_empty())
-        .unwrap_or(Path::new("."));
-    fs::create_dir_all(parent).map_err(fail)?;
+    fs::create_dir_all(folder_of(path)).map_err(fail)?;
     let staging = atomic::stage_folder(path).map_err(fail)?;
     for frame in &capture.frames {
         write_frame(staging.path(), frame)?;

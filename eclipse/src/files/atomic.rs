@@ -8,6 +8,8 @@ use std::{
 
 use tempfile::{Builder, NamedTempFile, TempDir};
 
+use super::folder_of;
+
 /// How the names of files begin that are being written.
 pub(super) const PREFIX: &str = ".writing-";
 /// Letters and digits at the end of such a folder's name.
@@ -30,7 +32,7 @@ pub fn stage(
     path: &Path,
     write: impl FnOnce(&mut File) -> io::Result<()>,
 ) -> io::Result<NamedTempFile> {
-    let mut staged = Builder::new().prefix(PREFIX).tempfile_in(folder(path))?;
+    let mut staged = Builder::new().prefix(PREFIX).tempfile_in(folder_of(path))?;
     write(staged.as_file_mut())?;
     staged.as_file().sync_all()?;
     open_to_readers(staged.as_file())?;
@@ -51,13 +53,13 @@ pub fn stage_folder(path: &Path) -> io::Result<TempDir> {
         use std::os::unix::fs::PermissionsExt;
         builder.permissions(fs::Permissions::from_mode(0o755));
     }
-    builder.tempdir_in(folder(path))
+    builder.tempdir_in(folder_of(path))
 }
 
 /// Removes folders that killed runs left next to `path` when they were about to write it.
 pub(super) fn sweep_folders(path: &Path) -> io::Result<()> {
     let prefix = prefix(path);
-    for entry in fs::read_dir(folder(path))? {
+    for entry in fs::read_dir(folder_of(path))? {
         let entry = entry?;
         let name = entry.file_name();
         // The longer name of another folder does not end in so few letters and digits.
@@ -78,13 +80,6 @@ pub(super) fn sweep_folders(path: &Path) -> io::Result<()> {
 fn prefix(path: &Path) -> String {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     format!("{PREFIX}{name}-")
-}
-
-/// The folder `path` lies in.
-fn folder(path: &Path) -> &Path {
-    path.parent()
-        .filter(|folder| !folder.as_os_str().is_empty())
-        .unwrap_or(Path::new("."))
 }
 
 /// Temporary files are private to their owner; outputs are readable like any other file.

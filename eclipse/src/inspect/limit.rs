@@ -25,6 +25,7 @@ use crate::{
         patches::{Observations, PatchOptions, View},
         shell::Shells,
         sky::SkyModel,
+        surface::SIDE,
         transport,
     },
     reconstruction::Noise,
@@ -193,7 +194,7 @@ impl<'a> Scene<'a> {
         if observations.views.is_empty() {
             return Err(ReconstructError::NothingToFit);
         }
-        let quadrature = Quadrature::new(grid, 2);
+        let quadrature = Quadrature::new(grid, SIDE);
         let stands = Stand::behind_all(frames.iter().map(|f| &f.camera));
         let distances: Vec<f32> = stands.iter().map(|s| s.distance).collect();
         Ok(Self {

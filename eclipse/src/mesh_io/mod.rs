@@ -22,7 +22,7 @@ use glam::Vec3;
 use render::mesh::Mesh;
 
 use crate::{
-    files::{atomic, read_limited},
+    files::{atomic, folder_of, read_limited},
     wording::counted,
 };
 
@@ -114,10 +114,7 @@ fn read(path: &Path) -> Result<Vec<u8>, MeshIoError> {
 
 /// A buffer of at most `most` bytes that a `.gltf` names, which must not lead out of its folder.
 fn read_beside(path: &Path, uri: &str, most: u64) -> Result<Vec<u8>, String> {
-    let folder = path
-        .parent()
-        .filter(|folder| !folder.as_os_str().is_empty())
-        .unwrap_or(Path::new("."));
+    let folder = folder_of(path);
     let fail = |error: std::io::Error| format!("its buffer {uri:?} cannot be read: {error}");
     let folder = folder.canonicalize().map_err(fail)?;
     let file = folder.join(uri).canonicalize().map_err(fail)?;

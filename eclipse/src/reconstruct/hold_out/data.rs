@@ -8,6 +8,7 @@ use super::{
         finish::Found,
         model::Shared,
         patches::{Observations, PatchOptions, View},
+        surface::SIDE,
         transport,
     },
     fitted_half,
@@ -49,7 +50,7 @@ impl Data {
             Observations::gather(found.bvh, frames, found.noise, &options, found.seed, &used);
         let grid = found.grid;
         let radiance = found.radiance;
-        let rows = transport::rows(found.bvh, &Quadrature::new(grid, 2), &seen.patches);
+        let rows = transport::rows(found.bvh, &Quadrature::new(grid, SIDE), &seen.patches);
         let rays = seen
             .patches
             .iter()
