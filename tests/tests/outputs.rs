@@ -2,6 +2,7 @@
 
 mod evaluate;
 mod export;
+mod loaded;
 mod relight;
 mod report;
 mod stanford_orb;

@@ -109,7 +109,7 @@ fn diagnoses_and_studies_tell_their_stages() {
         "diagnose",
         capture,
         "--time-limit",
-        "4s",
+        "5m",
         "--effects",
         "vignetting",
         "--out",

@@ -64,6 +64,8 @@ camera.matrix_world = CAMERA
 scene.collection.objects.link(camera)
 scene.camera = camera
 scene.render.engine = "CYCLES"
+# Light bounces once, as in the reconstruction: more would be brighter than the photographs.
+scene.cycles.max_bounces = 0
 scene.render.resolution_x = scene.render.resolution_y = {SIZE}
 scene.view_settings.view_transform = "Standard"
 "#

@@ -21,7 +21,7 @@ pub struct GlbSurface<'a> {
     pub vertex_roughness: Option<&'a [f32]>,
     /// κ, one a vertex (`_SPECULAR`); its mean is the material's factor when there are no textures.
     pub vertex_specular: Option<&'a [f32]>,
-    /// Standard deviation of the linear base colour, one a vertex (`_ALBEDO_SD`).
+    /// Standard deviation of the linear base colour, one a vertex (`_ALBEDO_SD_R`, `…_G`, `…_B`).
     pub vertex_albedo_deviation: Option<&'a [[f32; 3]]>,
     /// Maps over the mesh's texture coordinates, embedded as PNG.
     pub textures: Option<GlbTextures<'a>>,
@@ -86,14 +86,9 @@ pub fn encode_glb(mesh: &Mesh, surface: &GlbSurface) -> Result<Vec<u8>, String> 
     check("specular values", surface.vertex_specular.map(<[_]>::len))?;
     let deviations = surface.vertex_albedo_deviation;
     check("deviations of the albedo", deviations.map(<[_]>::len))?;
-    for (name, values) in [
-        ("COLOR_0", surface.vertex_colors),
-        ("_ALBEDO_SD", deviations),
-    ] {
-        if let Some(values) = values {
-            let values = values.iter().flatten().copied();
-            attributes[name] = glb.floats("VEC3", 3, values).into();
-        }
+    if let Some(colors) = surface.vertex_colors {
+        let values = colors.iter().flatten().copied();
+        attributes["COLOR_0"] = glb.floats("VEC3", 3, values).into();
     }
     for (name, values) in [
         ("_ROUGHNESS", surface.vertex_roughness),
@@ -101,6 +96,17 @@ pub fn encode_glb(mesh: &Mesh, surface: &GlbSurface) -> Result<Vec<u8>, String> 
     ] {
         if let Some(values) = values {
             attributes[name] = glb.floats("SCALAR", 1, values.iter().copied()).into();
+        }
+    }
+    // Channels one by one: Blender 4.2 mixes attributes up that are its own file's affair and of several types, and fails, at every
+    // other start.
+    for (c, name) in ["_ALBEDO_SD_R", "_ALBEDO_SD_G", "_ALBEDO_SD_B"]
+        .into_iter()
+        .enumerate()
+    {
+        if let Some(values) = deviations {
+            let values = values.iter().map(|value| value[c]);
+            attributes[name] = glb.floats("SCALAR", 1, values).into();
         }
     }
     let indices = glb.indices(mesh);
