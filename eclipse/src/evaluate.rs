@@ -8,7 +8,7 @@ pub mod occluders;
 mod read;
 pub mod stanford_orb;
 
-pub use read::{estimate, parse_metrics, parse_specular, truth};
+pub use read::{estimate, metrics, parse_metrics, parse_specular, truth};
 
 use std::path::{Path, PathBuf};
 

@@ -263,6 +263,18 @@ fn a_run_from_a_result_begins_where_that_ended() {
         assert!((a.albedo[0] - b.albedo[0]).abs() < 0.06, "{a:?} {b:?}");
     }
 
+    // A result that explained the photographs better is not written over in silence.
+    let again = || eclipse::reconstruct::run(&capture, &settings, &control).unwrap();
+    let mut metrics = first.metrics.clone();
+    let behind = |notes: &[String]| notes.iter().any(|note| note.contains("explained worse"));
+    for (better, told) in [(-9.0, false), (9.0, true)] {
+        metrics.photometric.psnr = first.metrics.photometric.psnr.map(|psnr| psnr + better);
+        let text = serde_json::to_vec(&metrics).unwrap();
+        std::fs::write(folder.path().join("metrics.json"), text).unwrap();
+        let notes = again().notes;
+        assert_eq!(behind(&notes), told, "{notes:?}");
+    }
+
     let mut fewer = capture.clone();
     fewer.frames.pop();
     let error = Start::read(folder.path(), &fewer, &bvh).unwrap_err();

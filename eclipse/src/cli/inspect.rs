@@ -123,13 +123,7 @@ fn text(inspection: &Inspection) -> String {
         ),
     ];
     if let Some(limit) = &inspection.limit {
-        let value = format!(
-            "parts of {:.0}° at best known but for {:.0} % of their variation with somebody behind each camera, {:.0} % with nobody \
-             (eclipse study limit says more)",
-            limit.texel,
-            100.0 * limit.with_somebody,
-            100.0 * limit.with_nobody
-        );
+        let value = format!("{} (eclipse study limit says more)", limit.sentence());
         lines.push(("light", value));
     }
     if let Some(lamps) = &inspection.lamps {

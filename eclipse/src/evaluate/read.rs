@@ -44,13 +44,20 @@ pub fn estimate(folder: &Path) -> Result<Estimate, EvaluateError> {
         .iter()
         .map(|path| read_exr(path).map(|mask| first_channel(&mask)))
         .collect::<Result<_, _>>()?;
-    let metrics = json(&folder.join(layout::METRICS), parse_metrics)?.unwrap_or_default();
     Ok(Estimate {
         environment,
         occluders,
         materials,
-        metrics,
+        metrics: metrics(folder)?,
     })
+}
+
+/// What a run said of itself; of an older run it may be nothing.
+///
+/// # Errors
+/// A file that cannot be read.
+pub fn metrics(folder: &Path) -> Result<Metrics, EvaluateError> {
+    Ok(json(&folder.join(layout::METRICS), parse_metrics)?.unwrap_or_default())
 }
 
 /// Reads a capture's truth, whatever there is of it.

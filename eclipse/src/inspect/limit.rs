@@ -29,6 +29,7 @@ use crate::{
         transport,
     },
     reconstruction::Noise,
+    wording::told_of_light,
 };
 
 /// Precision of what is known of an albedo beforehand: ½ ± ¼, as the solver's.
@@ -57,6 +58,13 @@ pub struct LimitInspection {
     pub with_somebody: f64,
     /// The same with nobody in the light.
     pub with_nobody: f64,
+}
+
+impl LimitInspection {
+    /// In words, with what follows.
+    pub fn sentence(&self) -> String {
+        told_of_light(self.texel, self.with_somebody, self.with_nobody)
+    }
 }
 
 /// Why there is no limit at a glance.

@@ -212,13 +212,7 @@ fn numbers(inspection: &Inspection) -> String {
         let (count, inside) = (points.count, points.in_box);
         format!("{count}, of which {inside} lie in the mesh's box")
     });
-    let light = inspection.limit.map(|limit| {
-        let [somebody, nobody] =
-            [limit.with_somebody, limit.with_nobody].map(|left| format!("{:.0} %", 100.0 * left));
-        format!(
-            "{somebody} of its variation with somebody behind each camera, {nobody} with nobody"
-        )
-    });
+    let light = inspection.limit.map(|limit| limit.sentence());
     let range =
         |[low, high]: [f32; 2]| format!("{} to {}", number(low.into()), number(high.into()));
     table(&json!({
@@ -235,7 +229,7 @@ fn numbers(inspection: &Inspection) -> String {
         "axis_nearest_to_upward": cameras.nearest_up,
         "upward_of_the_photographs": cameras.upward.map(|v| format!("{v:.2}")).join(","),
         "sparse_points": points,
-        "light_unknown_at_best": light,
+        "light": light,
         "worst_overlap": format!("{:.2} (frame {})", inspection.silhouettes.worst, inspection.silhouettes.worst_frame),
         "median_level": exposure.median,
         "brightest_frame_over_darkest": exposure.spread,

@@ -72,7 +72,8 @@ pub fn run(
     if settings.preset == Preset::Paper {
         let used = |frame: usize, _: u32| frames.fitted(frame);
         let mut found = paper::run(capture, &bvh, settings, noise, &used, control)?;
-        found.notes = frames.notes(&capture.frames, &found.occluders);
+        let of_frames = frames.notes(&capture.frames, &found.occluders);
+        found.notes.splice(..0, of_frames);
         return Ok(found);
     }
     let mut run = Run {

@@ -2,7 +2,10 @@
 
 use serde_json::Value;
 
-use crate::reconstruction::{Ended, Metrics, UncertaintySummary};
+use crate::{
+    reconstruction::{Ended, Metrics, UncertaintySummary},
+    wording::told_of_light,
+};
 
 /// Text made safe inside HTML elements and quoted attributes.
 pub(crate) fn escaped(text: &str) -> String {
@@ -71,10 +74,8 @@ pub(crate) fn limit(metrics: &Metrics) -> String {
         return String::new();
     };
     format!(
-        " At best, were all known but light and albedo, these photographs tell light over parts of {texel:.0}° but for {:.0} % of its \
-         variation with somebody behind each camera, and but for {:.0} % with nobody in the light.",
-        100.0 * somebody,
-        100.0 * nobody
+        " Of the light, were all known but it and the albedo, {}.",
+        told_of_light(texel, somebody, nobody)
     )
 }
 

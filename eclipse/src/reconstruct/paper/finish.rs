@@ -15,7 +15,7 @@ use render::{
     visibility::Visibility,
 };
 
-use super::{PaperError, PaperSolution, brightness, export, plan};
+use super::{PaperError, PaperSolution, brightness, export, plan, start};
 use crate::{
     capture::{Capture, Frame},
     reconstruct::photometric,
@@ -26,7 +26,7 @@ use crate::{
 /// Key of their random numbers: no iteration has it.
 const FINAL: u32 = u32::MAX;
 
-/// Everything that is written, without remarks.
+/// Everything that is written.
 ///
 /// # Errors
 /// When memory does not suffice to evaluate the network.
@@ -54,6 +54,8 @@ pub fn finish(
         ("iterations".to_owned(), solution.iterations.into()),
         ("seconds".to_owned(), solution.seconds.into()),
     ]);
+    let from = settings.from.as_deref();
+    let behind = from.and_then(|from| start::fell_behind(from, photometric.psnr));
     Ok(Reconstruction {
         uncertainty: None,
         materials,
@@ -63,7 +65,7 @@ pub fn finish(
         metrics: Metrics { photometric, extra },
         noise: Some(noise),
         settings: settings.clone(),
-        notes: Vec::new(),
+        notes: behind.into_iter().collect(),
         ended: solution.ended,
         environment: solution.environment,
         occluders: solution.masks,

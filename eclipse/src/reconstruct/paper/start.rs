@@ -28,6 +28,8 @@ const CLEAR: f32 = 0.9933;
 const BLOCKED: f32 = 0.02;
 /// Corrections of the projection onto harmonics, each by the residual of the last.
 const CORRECTIONS: usize = 8;
+/// A fall of the agreement with the photographs that is told, in decibels: what its own noise does is less.
+const WORSE: f64 = 0.5;
 
 /// What is known before the first iteration; what is empty starts as in the paper.
 #[derive(Clone, Debug, Default)]
@@ -116,6 +118,19 @@ impl Start {
 /// As [`Start::read`].
 pub fn check(folder: &Path, capture: &Capture) -> Result<(), PaperError> {
     estimate(folder, capture).map(drop)
+}
+
+/// What to say where a run that began with the result in `folder` explains the photographs worse than that did.
+pub fn fell_behind(folder: &Path, psnr: Option<f64>) -> Option<String> {
+    let before = evaluate::metrics(folder).ok()?.photometric.psnr?;
+    let after = psnr?;
+    (after < before - WORSE).then(|| {
+        format!(
+            "the photographs are explained worse than by the result that this run began with ({after:.1} dB after {before:.1} dB): its first \
+             steps upset more than they mend; give it more time, or keep what is in {}",
+            folder.display()
+        )
+    })
 }
 
 /// What an earlier run left, of the capture's number of images and of their sizes.

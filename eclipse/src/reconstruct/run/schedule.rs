@@ -75,12 +75,21 @@ impl Place {
 pub(super) fn end_of_steps(limit: f64) -> f64 {
     // Standard deviations come last and take a share of all that was spent before.
     let (least, share, most) = FINISH;
+    // Who gives a second has little to be finished, or wants steps all the same.
+    let least = least.min(limit / 4.0);
     limit / (1.0 + DEVIATIONS) - (least + share * limit).min(most)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_shortest_runs_have_time_for_steps() {
+        for limit in [0.1, 1.0, 3.0, 10.0, 100.0, 1e4] {
+            assert!(end_of_steps(limit) > 0.55 * limit, "{limit}");
+        }
+    }
 
     #[test]
     fn the_coarse_stage_has_time_however_late_it_begins() {
