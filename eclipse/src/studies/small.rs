@@ -81,6 +81,27 @@ impl Setup {
         }
     }
 
+    /// What it is, for whoever waits.
+    fn words(&self) -> String {
+        let finish = match self.alpha {
+            None => "matt".to_owned(),
+            Some(alpha) => format!("α {alpha}"),
+        };
+        let person = match self.person {
+            None => "nobody".to_owned(),
+            Some(height) => format!("somebody of height {height}"),
+        };
+        format!(
+            "{} ({finish}), lamps of {}°, {person}, {} photographs of {} pixels, noise {}, seed {}",
+            self.object.name(),
+            self.lamp,
+            self.frames,
+            self.resolution,
+            self.noise,
+            self.seed
+        )
+    }
+
     /// The capture with its truth.
     ///
     /// # Errors
@@ -204,7 +225,7 @@ pub(super) fn misfit(trial: &Trial, setup: &Setup, solved: &Solved) -> f64 {
 /// # Errors
 /// A scene that cannot be rendered, a capture that cannot be reconstructed, or the caller's stop.
 pub(super) fn solve(bench: &Bench<'_>, setup: Setup) -> Result<(Trial, Solved), StudyError> {
-    solve_with(bench, setup, &format!("{setup:?}"), settings)
+    solve_with(bench, setup, &setup.words(), settings)
 }
 
 /// The same by the paper's algorithm with so many rays from each surface point.
@@ -216,7 +237,7 @@ pub(super) fn solve_by_rays(
     setup: Setup,
     rays: u64,
 ) -> Result<(Trial, Solved), StudyError> {
-    let words = format!("{setup:?}, {rays} rays");
+    let words = format!("{}, {rays} rays", setup.words());
     solve_with(bench, setup, &words, |bench, trial, seed| Settings {
         batch: Some(Batch { rays, ..BATCH }),
         ..paper_settings(bench, trial, seed)
