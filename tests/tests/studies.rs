@@ -89,7 +89,10 @@ fn complete_with(name: &str, summary: &Value, folder: &tempfile::TempDir, rows: 
 fn occluders_make_visible_what_a_matt_surface_hides() {
     let (summary, folder) = study("conditioning");
     complete("conditioning", &summary, &folder);
-    assert_eq!(summary["verdict"], "held", "{summary:#}");
+    // Most is gained in the middle and not, as the caption has it, at the highest frequencies.
+    assert_eq!(summary["verdict"], "held_in_part", "{summary:#}");
+    let said = summary["sentence"].as_str().unwrap();
+    assert!(said.contains("But more is gained in the middle"), "{said}");
     let at = |row: &str, number: &str| summary["numbers"]["blocker"][row][number].as_f64().unwrap();
     // Computed independently with LAPACK's SVD of the same operator.
     let expected = [
@@ -119,14 +122,14 @@ fn an_occluder_tells_matt_from_mirror() {
         range("difference_without_occluder"),
         range("difference_with_occluder"),
     );
-    // Whether that is alike enough, and then different enough, is the study's to say: by 3 % and five times.
-    assert!(without[1] < 0.06, "{without:?}");
-    assert!(with[0] > 2.0 * without[1], "{without:?} {with:?}");
-    if without[1] > 0.03 || with[1] < 5.0 * without[0] {
-        assert_eq!(summary["verdict"], "held_in_part", "{summary:#}");
-        let sentence = summary["sentence"].as_str().unwrap();
-        assert!(sentence.contains("In some seed"), "{sentence}");
-    }
+    // Alike but for the rim, and then not.
+    assert!(without[1] < 0.03, "{without:?}");
+    assert!(with[0] > 5.0 * without[1], "{without:?} {with:?}");
+    // What an occluder does to the mirror is not twice what it does to the matt sphere in every seed, and the page says so.
+    let change = |of: &str| summary["numbers"]["change_by_occluder"][of][0].as_f64().unwrap();
+    assert!(change("mirror") > change("matt"));
+    let said = summary["sentence"].as_str().unwrap();
+    assert_eq!(summary["verdict"] == "held", !said.contains("But "), "{said}");
 }
 
 #[test]
@@ -289,7 +292,7 @@ fn studies_that_no_capture_is_needed_for_run_at_a_glance() {
     let studies = [
         (
             "uncertainty",
-            vec!["over 2 draws", "light: ", "albedo: ", "masks: "],
+            vec!["2 draws of noise", "light: ", "albedo: ", "masks: "],
             vec![
                 vec!["light_error_over_predicted"],
                 vec!["albedo_error_over_predicted"],
@@ -300,8 +303,8 @@ fn studies_that_no_capture_is_needed_for_run_at_a_glance() {
         (
             "parametrisation",
             vec![
-                "harmonics of masks are better than free values: held on",
-                "a pyramid of light is better than free values: held on",
+                "harmonics of masks are better than free values: ",
+                "a pyramid of light is better than free values: ",
                 "a = 2 is better than a = 1/2: ",
                 "degree 4",
                 "initial bias 100",
@@ -340,8 +343,10 @@ fn studies_that_no_capture_is_needed_for_run_at_a_glance() {
         let (summary, out) = study_of(name, &arguments);
         complete_with(name, &summary, &out, 1);
         let sentence = summary["sentence"].as_str().unwrap();
+        let details = summary["details"].as_array().unwrap().iter();
+        let all: Vec<&str> = details.filter_map(Value::as_str).chain([sentence]).collect();
         for said in said {
-            assert!(sentence.contains(said), "{said}: {sentence}");
+            assert!(all.iter().any(|words| words.contains(said)), "{said}: {all:?}");
         }
         assert!(
             sentence.contains(|c: char| c.is_ascii_digit()),

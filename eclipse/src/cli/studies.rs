@@ -34,7 +34,7 @@ pub(super) enum PaperStudy {
     Limit(LimitArguments),
     /// Whether standard deviations are of the size of errors, over draws of noise and seeds.
     Uncertainty(PaperArguments),
-    /// Table 1 and Fig. 10, in part: outline or harmonics, and their degree.
+    /// Table 1 and Fig. 10: harmonics and pyramid against free values, ratio, degree, bias.
     Parametrisation(PaperArguments),
     /// S6: materials of shiny objects.
     Shiny(PaperArguments),

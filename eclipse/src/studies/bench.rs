@@ -160,10 +160,7 @@ impl<'a> Bench<'a> {
             Scale::Glance | Scale::Quick => {
                 "The paper's 256 images of 400 x 400 and its hours on eight graphics cards are not repeated here."
             }
-            Scale::Full => {
-                "The paper has 256 images of 400 x 400, batches of 2^16 pixels, 1024 rays a pixel, two renders, on eight graphics \
-                 cards; the captures used are as large as they are."
-            }
+            Scale::Full => "The captures used are as large as they are.",
         };
         format!(
             "The fast preset, {} s for each reconstruction on {} threads, {seeds}. {full} Results depend on the machine's speed, as \

@@ -80,8 +80,10 @@ pub struct Evidence {
     pub claim: &'static str,
     /// Whether it held.
     pub verdict: Verdict,
-    /// The numbers that decide, and where it did not hold, why. Follows [`Verdict::words`] and a colon.
+    /// The numbers that decide, and where it did not hold, why. Follows [`Verdict::words`] and a colon: short enough for one look.
     pub sentence: String,
+    /// The same in full, a paragraph each, below it.
+    pub details: Vec<String>,
     /// Every number, for the table and for JSON.
     pub numbers: Value,
     /// What is shown.
@@ -103,6 +105,8 @@ pub struct Summary<'a> {
     pub verdict: Verdict,
     /// The page's first line.
     pub sentence: String,
+    /// What follows it.
+    pub details: &'a [String],
     /// Every number.
     pub numbers: &'a Value,
 }
@@ -121,6 +125,7 @@ impl Evidence {
             claim: self.claim,
             verdict: self.verdict,
             sentence: self.first_line(),
+            details: &self.details,
             numbers: &self.numbers,
         }
     }

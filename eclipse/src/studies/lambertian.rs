@@ -167,6 +167,7 @@ fn evidence(bench: &Bench<'_>, pairs: &[Pair], made: bool) -> Evidence {
         sentence: sentences.join("; ") + ".",
         numbers: Value::Object(numbers),
         figures: pairs.iter().map(figure).collect(),
+        details: Vec::new(),
         notes: vec![
             match made {
                 true => conditions_of_small(bench),

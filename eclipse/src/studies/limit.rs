@@ -188,9 +188,10 @@ fn evidence(bench: &Bench<'_>, studied: &[Studied]) -> Evidence {
         claim: "Somebody who moves through the light makes visible what the object alone blurs away, so that light can be told from \
                 albedo.",
         verdict: Verdict::of(&held),
-        sentence: sentences.join("; ") + ".",
+        sentence: in_short(studied),
         numbers: Value::Object(numbers),
         figures: studied.iter().flat_map(figures).collect(),
+        details: vec![sentences.join("; ") + "."],
         notes: vec![
             format!(
                 "One channel on {} x {} texels, about {} patches of surface in every photograph that sees them ({} for their places; the \
@@ -204,11 +205,39 @@ fn evidence(bench: &Bench<'_>, studied: &[Studied]) -> Evidence {
             ),
             "Somebody is the outline that a reconstruction starts from, upright behind each camera, at a place that is taken to be \
              known; a reconstruction has to find it. The albedo is a number a patch, known or eliminated, which does as well as \
-             anybody could. No estimate that is linear in the photographs can do better on average over such light; light of few \
-             lamps has more structure, and an estimate that uses it can."
+             anybody could. No estimate that is linear in these patches can do better on average over such light. What a \
+             reconstruction does is not bound by it: it expects light to be smooth and of few lamps, where this expects nothing, and its \
+             patches are smaller."
                 .into(),
+            "The surface is taken to be matt; where it is not, its gloss tells more of the light than is said here.".into(),
         ],
     }
+}
+
+/// Least and most over all captures and seeds, and where somebody in the light was of little help.
+fn in_short(studied: &[Studied]) -> String {
+    let percent = |operator, albedo| {
+        let errors = studied.iter().flat_map(|s| s.errors(operator, albedo));
+        let [low, high] = range(&errors.collect::<Vec<_>>()).map(|e| number(100.0 * e));
+        match low == high {
+            true => format!("{low} %"),
+            false => format!("{low} to {high} %"),
+        }
+    };
+    let names: Vec<&str> = studied.iter().map(|s| &*s.name).collect();
+    let failed = studied.iter().filter(|s| !s.held());
+    let failed: Vec<&str> = failed.map(|s| &*s.name).collect();
+    format!(
+        "the best linear estimate of light leaves {} of its variation where somebody stands at a known place in it, {} where nobody does, the \
+         albedo being unknown ({}){}.",
+        percent(true, false),
+        percent(false, false),
+        names.join(", "),
+        match failed.is_empty() {
+            true => String::new(),
+            false => format!("; that is little help on {}", failed.join(", ")),
+        }
+    )
 }
 
 fn figures(studied: &Studied) -> Vec<Figure> {

@@ -166,6 +166,7 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
         ),
         numbers: Value::Object(numbers),
         figures: figures(rows),
+        details: Vec::new(),
         notes: vec![
             bench.conditions(),
             format!(

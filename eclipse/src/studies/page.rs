@@ -79,15 +79,17 @@ fn write_figure(folder: &Path, figure: &Figure) -> Result<String, StudyError> {
 }
 
 fn html(evidence: &Evidence, figures: &str, command: &str) -> String {
-    let notes = evidence.notes.iter();
-    let notes: String = notes
-        .map(|note| format!("<p>{}</p>\n", text::escaped(note)))
-        .collect();
+    let paragraphs = |of: &[String]| -> String {
+        of.iter()
+            .map(|words| format!("<p>{}</p>\n", text::escaped(words)))
+            .collect()
+    };
+    let (details, notes) = (paragraphs(&evidence.details), paragraphs(&evidence.notes));
     format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width\">\n<title>{title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n\
          <header>\n<p class=\"summary\"><b>{verdict}</b>: {sentence}</p>\n<p class=\"kicker\">{source}</p>\n<h1>{title}</h1>\n\
-         <p>The claim: {claim}</p>\n</header>\n{figures}<h2>Numbers</h2>\n{numbers}\n<h2>How</h2>\n{notes}\
+         <p>The claim: {claim}</p>\n</header>\n{details}{figures}<h2>Numbers</h2>\n{numbers}\n<h2>How</h2>\n{notes}\
          <footer>Written by eclipse {version}; <code>{command}</code> makes it again.</footer>\n</body>\n</html>\n",
         title = text::escaped(evidence.title),
         verdict = evidence.verdict.words(),
@@ -123,9 +125,16 @@ fn chart_csv(chart: &Chart) -> String {
     csv
 }
 
-/// A line a pixel.
+/// A line a pixel; a column a channel, empty where a picture has fewer than another.
 fn pictures_csv(pictures: &[Picture]) -> String {
-    let mut csv = String::from("picture,row,column,values\n");
+    let most = pictures.iter().map(|picture| picture.values.channels).max();
+    let most = most.unwrap_or(0);
+    let names = match most {
+        1 => "value".to_owned(),
+        3 => "r,g,b".to_owned(),
+        n => (0..n).map(|c| format!("channel {c}")).collect::<Vec<_>>().join(","),
+    };
+    let mut csv = format!("picture,row,column,{names}\n");
     for picture in pictures {
         let label = quoted(&picture.label);
         let image = &picture.values;
@@ -135,6 +144,7 @@ fn pictures_csv(pictures: &[Picture]) -> String {
             for value in values {
                 let _ = write!(csv, ",{value}");
             }
+            csv.push_str(&",".repeat(most - values.len()));
             csv.push('\n');
         }
     }
@@ -234,6 +244,7 @@ mod tests {
                 figure("curve", Content::Chart(chart)),
                 figure("maps", Content::Pictures(vec![picture])),
             ],
+            details: Vec::new(),
             notes: vec!["how".into()],
         }
     }

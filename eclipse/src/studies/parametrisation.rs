@@ -4,7 +4,7 @@ mod claims;
 
 use serde_json::{Map, Value, json};
 
-use self::claims::{claims, untested};
+use self::claims::{Claim, claims, untested};
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
@@ -218,8 +218,7 @@ fn row(rows: &[Row], object: Object, variant: Variant) -> Option<&Row> {
 fn evidence(bench: &Bench<'_>, rows: &[Row], pictures: Vec<Picture>) -> Evidence {
     let claims = claims(rows);
     let held: Vec<bool> = claims.iter().flat_map(|c| c.held()).collect();
-    let mut said: Vec<String> = claims.iter().map(|claim| claim.words()).collect();
-    said.extend(untested(rows));
+    let said: Vec<String> = claims.iter().map(|claim| claim.words()).collect();
     let setup = Setup::of(bench.scale);
     let mut figures = vec![table(rows), degrees(rows)];
     figures.push(Figure {
@@ -238,14 +237,17 @@ fn evidence(bench: &Bench<'_>, rows: &[Row], pictures: Vec<Picture>) -> Evidence
                 do as well as those of low degree or better, and masks that start near one do better than masks that start at one half.",
         verdict: Verdict::of(&held),
         sentence: format!(
-            "{}. Relative RMSE of the light, {}, after {} iterations of the paper's algorithm: {}.",
-            said.join("; "),
-            seeds(bench.seeds().end),
+            "{} (the light's error after {} iterations of the paper's algorithm, {})",
+            in_short(&claims, untested(rows)),
             iterations(bench),
-            measured(rows)
+            seeds(bench.seeds().end),
         ),
         numbers: numbers(rows),
         figures,
+        details: vec![
+            said.join("; ") + ".",
+            format!("Relative RMSE of the light, a seed each: {}.", measured(rows)),
+        ],
         notes: vec![
             format!(
                 "Four matt objects under six lamps, {} photographs of {} x {} pixels with somebody in the light; {} for lamps, noise and \
@@ -273,6 +275,19 @@ fn evidence(bench: &Bench<'_>, rows: &[Row], pictures: Vec<Picture>) -> Evidence
             ),
         ],
     }
+}
+
+/// Which claims held and which not, and what kept others from being tested.
+fn in_short(claims: &[Claim], untested: Option<String>) -> String {
+    let outcomes: Vec<_> = claims.iter().filter_map(Claim::outcome).collect();
+    let of = |wanted: bool| {
+        let those = outcomes.iter().filter(|(held, _)| *held == wanted);
+        those.map(|(_, what)| *what).collect::<Vec<_>>().join(", ")
+    };
+    let parts = [("held", of(true)), ("did not hold", of(false))];
+    let parts = parts.into_iter().filter(|(_, those)| !those.is_empty());
+    let parts = parts.map(|(words, those)| format!("{words}: {those}"));
+    parts.chain(untested).collect::<Vec<_>>().join("; ")
 }
 
 /// Errors of the light of every variant, object by object.

@@ -97,6 +97,7 @@ fn absent() -> Evidence {
         sentence: "no real photographs were given; name the folder of a capture with --real or ECLIPSE_REAL.".into(),
         numbers: json!({}),
         figures: Vec::new(),
+        details: Vec::new(),
         notes: vec![
             "Real photographs are not part of the project; any capture that `eclipse inspect` accepts will do.".into(),
         ],
@@ -138,6 +139,7 @@ fn evidence(
         ),
         numbers: numbers.into(),
         figures: figures(capture, &solved[0], found),
+        details: Vec::new(),
         notes: vec![
             bench.conditions(),
             format!(

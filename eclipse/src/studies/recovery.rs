@@ -107,18 +107,42 @@ impl Row {
                 better,
             ));
         }
+        if self.trial.occluded() {
+            // No mask at all gets as much light wrong as is blocked.
+            parts.push((
+                "its masks are no better than none",
+                self.masks(Self::mask_error)[1] < 1.0,
+            ));
+        }
         parts
+    }
+
+    fn masks(&self, of: fn(&Solved) -> f64) -> [f64; 2] {
+        range(&values(&self.modelled, of))
+    }
+
+    fn mask_error(solved: &Solved) -> f64 {
+        let error = solved.scores.occluders.energy_weighted_error;
+        error.unwrap_or(f64::NAN)
+    }
+
+    fn mask_overlap(solved: &Solved) -> f64 {
+        solved.scores.occluders.iou.unwrap_or(f64::NAN)
     }
 
     fn sentence(&self) -> String {
         format!(
-            "{} {} ({} without occluders in the model, {} for the true light convolved; albedo {} against {} dB)",
+            "{} {} ({} without occluders in the model, {} for the true light convolved; albedo {} against {} dB{})",
             self.trial.name,
             span(Self::environment(&self.modelled)),
             span(Self::environment(&self.ignored)),
             number(self.convolved),
             span(Self::albedo(&self.modelled)),
             span(Self::albedo(&self.ignored)),
+            match self.trial.occluded() {
+                true => format!("; masks' overlap {}", span(self.masks(Self::mask_overlap))),
+                false => String::new(),
+            }
         )
     }
 
@@ -249,12 +273,21 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Result<Evidence, StudyError> {
         "relative RMSE of the light, on captures with somebody in it: {}.",
         listed.join("; ")
     );
+    let mut details = Vec::new();
     if !clear.is_empty() {
         let listed: Vec<String> = clear.iter().map(|row| row.sentence()).collect();
-        sentence += &format!(
-            " By the object's own shadows alone, nobody in the light: {}.",
+        details.push(format!(
+            "By the object's own shadows alone, nobody in the light: {}.",
             listed.join("; ")
-        );
+        ));
+    }
+    let alone = occluded.iter().filter(|row| clear_of(row).is_none());
+    let alone: Vec<&str> = alone.map(|row| &*row.trial.name).collect();
+    if !alone.is_empty() {
+        details.push(format!(
+            "Not compared with the object's own shadows alone, as they were not photographed without anybody there: {}.",
+            alone.join(", ")
+        ));
     }
     if !failed.is_empty() {
         let mut behind: Vec<&Row> = Vec::new();
@@ -264,11 +297,11 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Result<Evidence, StudyError> {
             }
         }
         let solves = behind.iter().flat_map(|row| &row.modelled);
-        sentence += &format!(
-            " It failed where: {}. With occluders modelled, {}.",
-            failed.join("; "),
+        sentence += &format!(" It failed where: {}.", failed.join("; "));
+        details.push(format!(
+            "With occluders modelled, {}.",
             ends(solves.map(Rc::as_ref), bench.seconds())
-        );
+        ));
     }
     let numbers: Map<String, Value> = rows
         .iter()
@@ -283,6 +316,7 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Result<Evidence, StudyError> {
         sentence,
         numbers: Value::Object(numbers),
         figures: rows.iter().flat_map(Row::figures).collect(),
+        details,
         notes: vec![
             bench.conditions(),
             "Light and albedo share a scale in each channel that no photograph tells: both are scaled to the truth's light. A constant \

@@ -5,7 +5,7 @@ use serde_json::{Map, Value, json};
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
-    evidence::{Axis, Chart, Content, Figure, Picture, Series, listed, seeds, white},
+    evidence::{Axis, Chart, Content, Figure, Picture, Series, listed, range, seeds, white},
     small::{KAPPA, Setup, settings},
     trial::{Solved, Trial},
 };
@@ -19,6 +19,9 @@ const STEPS: [u64; 3] = [1, 30, 30];
 const RESOLUTION: [usize; 3] = [16, 48, 64];
 /// Largest error of α, relative, and of κ that count as recovered.
 const CLOSE: [f64; 2] = [0.25, 0.02];
+
+/// A relative RMSE of the light beyond which no highlight of it is known.
+const BLURRED: f64 = 0.6;
 
 /// The study.
 pub(super) struct Shiny;
@@ -88,9 +91,21 @@ impl Row {
         self.misses().is_empty()
     }
 
+    fn why(&self) -> &'static str {
+        why(&self.list(|s| Some(s.environment_error())))
+    }
+
     /// What was not recovered, and in how many seeds.
     fn misses(&self) -> Vec<String> {
         misses(self.alpha, &self.alphas(), &self.kappas())
+    }
+}
+
+/// Why materials may be off, by what was measured of the `lights` that were found with them.
+fn why(lights: &[f64]) -> &'static str {
+    match range(lights)[0] > BLURRED {
+        true => "the light was hardly found either, and a highlight is its image: too few photographs, too small, for both",
+        false => "the cause was not found",
     }
 }
 
@@ -128,19 +143,26 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
         .iter()
         .map(|row| {
             format!(
-                "α {}: found α {}, κ {} (true {KAPPA}), albedo {} dB, light's relative RMSE {}{}",
+                "α {}: found α {}, κ {} (true {KAPPA}){}",
                 number(row.alpha),
                 listed(&row.alphas()),
                 listed(&row.kappas()),
-                listed(&row.list(|s| s.scores.albedo.psnr_aligned)),
-                listed(&row.list(|s| Some(s.environment_error()))),
                 match row.misses() {
                     missed if missed.is_empty() => String::new(),
-                    missed => format!(" ({}; the cause was not found)", missed.join("; ")),
+                    missed => format!(" ({}; {})", missed.join("; "), row.why()),
                 }
             )
         })
         .collect();
+    let beside = rows.iter().map(|row| {
+        format!(
+            "α {}: albedo {} dB, light's relative RMSE {}.",
+            number(row.alpha),
+            listed(&row.list(|s| s.scores.albedo.psnr_aligned)),
+            listed(&row.list(|s| Some(s.environment_error())))
+        )
+    });
+    let beside = beside.collect();
     let numbers: Map<String, Value> = rows
         .iter()
         .map(|row| {
@@ -197,6 +219,7 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
         sentence: sentences.join("; ") + ".",
         numbers: Value::Object(numbers),
         figures,
+        details: beside,
         notes: vec![format!(
             "Three balls under six lamps of 12°, {} photographs of {} x {} pixels, a person in the light; {} for lamps, noise and \
              solver alike; the fast preset, {} steps. It fits one lobe for the whole object, which is true here.",
@@ -232,5 +255,7 @@ mod tests {
             "{narrow}"
         );
         assert!(said(&[f64::NAN], &[0.04]).contains("no material"));
+        assert!(why(&[0.8, 0.7]).contains("the light was hardly found"));
+        assert!(why(&[0.8, 0.4]).contains("the cause was not found"));
     }
 }

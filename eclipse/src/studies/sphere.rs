@@ -63,6 +63,16 @@ fn seen(camera: &Camera, pixel: usize) -> Option<Vec3> {
     (inside > 0.0).then(|| ray.origin + (-along - inside.sqrt()) * ray.direction)
 }
 
+/// How far the sphere in each pixel faces the camera, n·v; 0 where it is not seen.
+pub(super) fn facing(camera: &Camera) -> Vec<f32> {
+    let of = |pixel| {
+        seen(camera, pixel).map_or(0.0, |normal| {
+            normal.dot((camera.centre() - normal).normalize())
+        })
+    };
+    (0..camera.width * camera.height).map(of).collect()
+}
+
 /// ∫ L M (n·ω)₊ dω by the light's own grid.
 pub(super) fn irradiance(normal: Vec3, light: &EnvironmentMap, mask: Option<Mask<'_>>) -> [f32; 3] {
     let grid = light.grid();

@@ -289,13 +289,14 @@ fn no_help([with, without]: &[f64; 2]) -> bool {
 /// A part of the claim beyond "better with somebody than with nobody": what is less at the end of a sweep than at its start, in
 /// every seed.
 struct Trend {
+    what: &'static str,
     words: String,
     held: bool,
 }
 
 impl Trend {
     /// That `of` a pair of errors falls; none of a sweep of one value, as is left after a stop.
-    fn new(curve: &Curve, what: &str, of: fn(&[f64; 2]) -> f64) -> Option<Self> {
+    fn new(curve: &Curve, what: &'static str, of: fn(&[f64; 2]) -> f64) -> Option<Self> {
         let all: Vec<Vec<f64>> = curve
             .errors
             .iter()
@@ -314,6 +315,7 @@ impl Trend {
         let values: Vec<f64> = curve.sweep.points.iter().map(|point| point.0).collect();
         let word = if held { "held" } else { "not held" };
         Some(Self {
+            what,
             words: format!(
                 "{what}: {word} ({} at {}, means; from {} to {} at the ends, a seed each)",
                 listed(&means),
@@ -345,8 +347,9 @@ fn evidence(bench: &Bench<'_>, curves: &[Curve]) -> Evidence {
     let trends = Trend::all(curves);
     let helps = curves.iter().map(|c| c.helpless().is_empty());
     let held: Vec<bool> = helps.chain(trends.iter().map(|t| t.held)).collect();
-    let mut sentences: Vec<String> = curves.iter().map(Curve::sentence).collect();
-    sentences.extend(trends.into_iter().map(|trend| trend.words));
+    let sentence = in_short(curves, &trends);
+    let mut details: Vec<String> = curves.iter().map(Curve::sentence).collect();
+    details.extend(trends.into_iter().map(|trend| trend.words));
     let numbers: Map<String, Value> = curves
         .iter()
         .map(|curve| {
@@ -373,9 +376,13 @@ fn evidence(bench: &Bench<'_>, curves: &[Curve]) -> Evidence {
                 secondary rays, light is recovered better with an unseen occluder that is modelled than without one in the scene; larger occluders help more; and the gain \
                 grows with the light's frequency.",
         verdict: Verdict::of(&held),
-        sentence: format!("relative squared error of the light {}.", sentences.join("; ")),
+        sentence,
         numbers: Value::Object(numbers),
         figures: curves.iter().map(figure).collect(),
+        details: vec![format!(
+            "Relative squared error of the light {}.",
+            details.join("; ")
+        )],
         notes: vec![
             conditions(bench),
             "Somebody is no help where nobody in the light is as good in any seed. A trend holds where it does between the ends of \
@@ -390,6 +397,36 @@ fn evidence(bench: &Bench<'_>, curves: &[Curve]) -> Evidence {
             ),
         ],
     }
+}
+
+/// What held and what did not.
+fn in_short(curves: &[Curve], trends: &[Trend]) -> String {
+    let (helped, others): (Vec<&Curve>, Vec<&Curve>) =
+        curves.iter().partition(|curve| curve.helpless().is_empty());
+    let mut parts = Vec::new();
+    if !helped.is_empty() {
+        let labels: Vec<&str> = helped.iter().map(|curve| curve.sweep.label).collect();
+        parts.push(format!(
+            "somebody in the light lowers its error in every seed over {}",
+            labels.join(", ")
+        ));
+    }
+    if !others.is_empty() {
+        let with_values = |curve: &&Curve| {
+            let values = listed(&curve.helpless());
+            format!("{} (at {values}{})", curve.sweep.label, curve.why())
+        };
+        let labels: Vec<String> = others.iter().map(with_values).collect();
+        parts.push(format!(
+            "not in every seed over {}",
+            labels.join(", ")
+        ));
+    }
+    let trends = trends.iter().map(|trend| {
+        let word = if trend.held { "held" } else { "not held" };
+        format!("{}: {word}", trend.what)
+    });
+    parts.into_iter().chain(trends).collect::<Vec<_>>().join("; ") + "."
 }
 
 fn conditions(bench: &Bench<'_>) -> String {

@@ -215,8 +215,8 @@ fn evidence() -> Evidence {
     parts.extend(concentrated(Contrast::High));
     let why = match &spectra[..] {
         [_, _, _, s, ..] if s.around[0] <= 0.5 => format!(
-            " Not so for light of high contrast with a = 0.1: {} to {} of the energy there, because what lies off the diagonal is the \
-             spectrum of the light itself, and the diagonal is no more than its mean.",
+            " Not so for light of high contrast with a = 0.1: {} to {} there, because what lies off the diagonal is the light's own \
+             spectrum.",
             number(s.around[0]),
             number(s.around[1])
         ),
@@ -232,16 +232,19 @@ fn evidence() -> Evidence {
                 approaches a circulant matrix.",
         verdict: Verdict::of(&parts),
         sentence: format!(
-            "with light of low contrast at least {} of the energy of rows 32 and 64 lies within {AROUND} of the diagonal for a = 0.1, \
-             1, 10, and each row peaks on it; the blocks of AᵀA have {} of {SHOWN} samples for 1, 2, 8, 32 observations, and its distance \
-             to a circulant matrix falls from {} to {}.{why}",
+            "for light of low contrast {} of a row's energy or more lies around the diagonal (a = 0.1, 1, 10), and AᵀA comes within {} of a \
+             circulant matrix at 32 observations, from {} at one.{why}",
             list(spectra[..3].iter().map(|s| number(s.around[0])).collect()),
-            list(blocks.iter().map(usize::to_string).collect()),
-            number(circulant[0]),
             number(circulant[circulant.len() - 1]),
+            number(circulant[0]),
         ),
         numbers: numbers(&spectra, &blocks, &circulant),
         figures: figures(&grams),
+        details: vec![format!(
+            "Shares are of rows 32 and 64, within {AROUND} of the diagonal; each row peaks on it. The blocks of AᵀA have {} of {SHOWN} samples \
+             for 1, 2, 8, 32 observations.",
+            list(blocks.iter().map(usize::to_string).collect()),
+        )],
         notes: vec![
             "FBFᴴ has the elements ĉ(i) L̂(i − j): a row is the spectrum of the light, moved to the diagonal. Light is not negative, so \
              none of its Fourier coefficients exceeds its mean: that rows peak on the diagonal holds for every light, whatever its \

@@ -9,7 +9,7 @@ use self::spread::{HONEST, Spread, Values};
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
-    evidence::{Axis, Chart, Content, Figure, Picture, Series, Tone},
+    evidence::{Axis, Chart, Content, Figure, Picture, Series, Tone, listed},
     small::{Setup, settings, steps},
     trial::{Solved, Trial},
 };
@@ -207,15 +207,21 @@ fn evidence(bench: &Bench<'_>, quantities: &[Quantity; 3], draws: &[Draw]) -> Ev
                 draw of noise changes, and is large where they are.",
         verdict: Verdict::of(&parts),
         sentence: format!(
-            "over {} draws of noise and seeds: {}; for a normal distribution 68 and 95 % lie within one and two deviations; they took {} \
-             % of the solve's time.{}",
+            "errors of {} are {} times as large as was predicted (RMS, {} draws of noise and seeds), and {} % lie within two standard \
+             deviations, of a normal distribution 95 %.{}",
+            listed_names(spreads()),
+            listed(&spreads().map(Spread::size).collect::<Vec<_>>()),
             draws.len(),
-            words.join("; "),
-            number(100.0 * cost),
+            listed(&spreads().map(|s| 100.0 * s.within[1]).collect::<Vec<_>>()),
             why(&failures, smaller, known)
         ),
         numbers: numbers(spreads(), draws.len(), cost, known),
         figures: quantities.iter().flat_map(figures).collect(),
+        details: vec![format!(
+            "{}. For a normal distribution 68 and 95 % lie within one and two deviations. They took {} % of the solve's time.",
+            words.join(". "),
+            number(100.0 * cost)
+        )],
         notes: vec![
             format!(
                 "Three balls, matt, {} photographs of {} x {} pixels with somebody in the light, {} steps of the fast preset; the \
@@ -259,6 +265,11 @@ fn numbers<'a>(
     numbers.insert("known_numbers".into(), json!(known[0]));
     numbers.insert("known_numbers_at_most".into(), json!(known[1]));
     Value::Object(numbers)
+}
+
+/// What is compared: `light, albedo, masks`.
+fn listed_names<'a>(spreads: impl Iterator<Item = &'a Spread>) -> String {
+    spreads.map(|spread| spread.name).collect::<Vec<_>>().join(", ")
 }
 
 /// What failed, and what was measured that explains it; `smaller` where errors of something are less than half of what was predicted.

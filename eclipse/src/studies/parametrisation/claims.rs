@@ -3,11 +3,14 @@
 use std::cmp::Ordering;
 
 use super::{Row, Variant, degree, row};
-use crate::{report::text::number, studies::small::Object};
+use crate::{
+    report::text::number,
+    studies::{evidence::range, small::Object},
+};
 
 /// A relative difference of errors below this counts as none where a variant is to be as good as another.
 const ALIKE: f64 = 0.02;
-/// Where so much more of the photographs is left than their noise, a solve was cut short.
+/// Where more of the photographs is left than so many times their noise, as a variance, a solve was cut short.
 const CUT_SHORT: f64 = 2.0;
 
 /// One claim, on one object or several.
@@ -85,6 +88,12 @@ impl Claim {
         tested.map(|part| part.held)
     }
 
+    /// Whether it held on every object where it was tested, if it was on any, and what it is.
+    pub(super) fn outcome(&self) -> Option<(bool, &'static str)> {
+        let all: Vec<bool> = self.held().collect();
+        (!all.is_empty()).then(|| (all.iter().all(|held| *held), self.what))
+    }
+
     /// What is claimed, where it held, and why it did not elsewhere.
     pub(super) fn words(&self) -> String {
         let all = self.held().count();
@@ -124,47 +133,38 @@ impl Part {
     }
 }
 
-/// Whether a model's light is better than a map of one value.
+/// Whether a full model came far enough for others to be compared with it: to the noise, and further than a map of one value.
 fn reached_something(full: &Row) -> bool {
-    full.light() < full.mean(|s| s.constant)
+    full.light() < full.mean(|s| s.constant) && full.mean(|s| s.misfit) <= CUT_SHORT
 }
 
-/// What keeps claims from being tested: full models that are no better than a map of one value; nothing where all are better.
+/// What keeps claims from being tested: full models that were cut short; nothing where none was.
 pub(super) fn untested(rows: &[Row]) -> Option<String> {
     let full = rows.iter().filter(|row| row.variant == Variant::Full);
     let short: Vec<&Row> = full.filter(|row| !reached_something(row)).collect();
     let objects: Vec<&str> = short.iter().map(|row| row.object.name()).collect();
-    let misfits = short.iter().map(|row| row.mean(|s| s.misfit));
-    let most = misfits.fold(f64::NAN, f64::max);
+    let misfits: Vec<f64> = short.iter().map(|row| row.mean(|s| s.misfit)).collect();
+    let [low, high] = range(&misfits);
     (!short.is_empty()).then(|| {
         format!(
-            "On the {} the full model's light is no better than a map of one value, so that differences to it say nothing: it ends with up \
-             to {} times the variance of the noise",
+            "on the {} the full model ends with {} to {} times the variance of the photographs' noise, too far from its end for others to be \
+             compared with it",
             objects.join(", the "),
-            number(most)
+            number(low),
+            number(high)
         )
     })
 }
 
 /// Why the full model may be no better than another, by what was measured of it.
 fn why(full: &Row) -> String {
-    let (masks, misfit) = (full.mean(|s| s.masks), full.mean(|s| s.misfit));
-    let mut reasons = Vec::new();
-    if masks >= 1.0 {
-        reasons.push(format!(
+    let masks = full.mean(|s| s.masks);
+    match masks >= 1.0 {
+        true => format!(
             "the full model's masks are no better than none (error {})",
             number(masks)
-        ));
-    }
-    if misfit > CUT_SHORT {
-        reasons.push(format!(
-            "it ends with {} times the variance of the noise, so that its iterations were too few",
-            number(misfit)
-        ));
-    }
-    match reasons.is_empty() {
-        true => "the cause was not found".to_owned(),
-        false => reasons.join(", and "),
+        ),
+        false => "the cause was not found".to_owned(),
     }
 }
 
@@ -229,12 +229,10 @@ mod tests {
             .rfind(|r| r.variant == Variant::Full)
             .unwrap();
         for scores in &mut wreath.scores {
-            (scores.masks, scores.misfit) = (1.2, 30.0);
+            scores.masks = 1.2;
         }
         let words = claims(&rows)[0].words();
-        for reason in ["no better than none", "30 times"] {
-            assert!(words.contains(reason), "{words}");
-        }
+        assert!(words.contains("no better than none"), "{words}");
         assert_eq!(untested(&rows), None);
     }
 
@@ -254,10 +252,11 @@ mod tests {
         assert!(
             untested(&rows)
                 .unwrap()
-                .contains("On the wreath the full model")
+                .contains("on the wreath the full model")
         );
+        // Nor does one that was cut short.
         for row in &mut rows {
-            row.scores.iter_mut().for_each(|s| s.constant = 0.1);
+            row.scores.iter_mut().for_each(|s| s.misfit = 30.0);
         }
         let claim = &claims(&rows)[0];
         assert_eq!(claim.held().count(), 0);

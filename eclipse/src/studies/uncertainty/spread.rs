@@ -7,6 +7,9 @@ pub(super) const HONEST: f64 = 0.5;
 /// Where deviations are large errors should be: least rank correlation over values.
 const CORRELATED: f64 = 0.4;
 
+/// Of a normal distribution 95 % lie within two deviations; so many must.
+const COVERED: f64 = 0.8;
+
 /// A quantity as one draw found it, in the truth's scale, with its predicted deviations.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Values {
@@ -107,13 +110,14 @@ impl Spread {
         rank_correlation(&self.pairs(&self.between))
     }
 
-    /// Whether errors are of the size of deviations, draws spread by no more than those allow, and errors are where deviations are
-    /// large.
-    pub(super) fn parts(&self) -> [bool; 3] {
+    /// Whether errors are of the size of deviations, draws spread by no more than those allow, errors are where deviations are large,
+    /// and most lie within two of them.
+    pub(super) fn parts(&self) -> [bool; 4] {
         [
             honest(self.size()),
             self.noise() <= 1.0 / HONEST,
             self.place() > CORRELATED,
+            self.within[1] > COVERED,
         ]
     }
 
@@ -135,7 +139,7 @@ impl Spread {
 
     /// What failed.
     pub(super) fn failures(&self) -> Vec<String> {
-        let [size, noise, place] = self.parts();
+        let [size, noise, place, covered] = self.parts();
         let name = self.name;
         let mut failures = Vec::new();
         if !size {
@@ -159,6 +163,12 @@ impl Spread {
         if !place {
             failures.push(format!(
                 "errors of the {name} are not where deviations are large"
+            ));
+        }
+        if !covered {
+            failures.push(format!(
+                "{} % of errors of the {name} lie beyond two deviations",
+                number(100.0 * (1.0 - self.within[1]))
             ));
         }
         failures
@@ -195,7 +205,7 @@ mod tests {
         let near = |a: f64, b: f64| (a - b).abs() < 1e-5;
         assert!(near(found.size(), 1.0) && near(found.noise(), 2f64.sqrt()));
         assert!(near(found.place(), 1.0) && near(found.place_of_noise(), 1.0));
-        assert_eq!(found.parts(), [true; 3]);
+        assert_eq!(found.parts(), [true; 4]);
         assert!(found.words().starts_with("light: held"));
         assert!(found.failures().is_empty());
         assert_eq!(found.within[1], 1.0);
@@ -206,14 +216,18 @@ mod tests {
         let small = spread([0.2, 0.2], [0.1, 0.2, 0.3, 0.4]);
         assert!((small.size() - 0.2).abs() < 1e-5 && small.noise() < 1e-5);
         assert_eq!(small.within, [1.0; 2]);
-        assert_eq!(small.parts(), [false, true, true]);
+        assert_eq!(small.parts(), [false, true, true, true]);
         assert!(small.failures()[0].contains("light are less than half"));
 
         let wild = spread([3.0, -3.0], [0.1, 0.2, 0.3, 0.4]);
-        assert_eq!(wild.parts(), [false, false, true]);
+        assert_eq!(wild.parts(), [false, false, true, false]);
         assert_eq!(wild.within, [0.0; 2]);
         let failures = wild.failures().join(", ");
-        for failure in ["more than twice what", "draws of the light spread"] {
+        for failure in [
+            "more than twice what",
+            "draws of the light spread",
+            "100 % of errors of the light lie beyond",
+        ] {
             assert!(failures.contains(failure), "{failures}");
         }
         assert!(wild.words().starts_with("light: not held"));
@@ -222,13 +236,13 @@ mod tests {
     #[test]
     fn where_nothing_is_predicted_nothing_holds() {
         let none = spread([1.0, 1.0], [0.0; 4]);
-        assert_eq!(none.parts(), [false; 3]);
-        assert_eq!(none.failures().len(), 3);
+        assert_eq!(none.parts(), [false; 4]);
+        assert_eq!(none.failures().len(), 4);
         let misplaced = Spread {
             error: vec![0.4, 0.3, 0.2, 0.1, 0.0],
             ..spread([1.0, -1.0], [0.1, 0.2, 0.3, 0.4])
         };
-        assert_eq!(misplaced.parts(), [true, true, false]);
+        assert_eq!(misplaced.parts(), [true, true, false, true]);
         assert!(misplaced.failures()[0].contains("not where deviations"));
     }
 }
