@@ -307,6 +307,31 @@ fn equal_names_in_different_folders_are_told_apart() {
 }
 
 #[test]
+fn names_may_hold_dots() {
+    let (folder, capture, mut json) = written(Vec3::ZERO);
+    let path = folder.path().join("capture");
+    for index in 0..3 {
+        let name = format!("view.{index:03}");
+        fs::rename(
+            path.join(format!("{index:03}.exr")),
+            path.join(format!("{name}.exr")),
+        )
+        .unwrap();
+        // With the ending and without.
+        let ending = if index == 0 { ".exr" } else { "" };
+        json["frames"][index]["file_path"] = json!(format!("./{name}{ending}"));
+    }
+    save(&folder, &json);
+    let loaded = load(&folder);
+    let names: Vec<&str> = loaded.frames.iter().map(|frame| &*frame.name).collect();
+    assert_eq!(
+        names,
+        ["view.000", "view.001", "view.002", "003", "004", "005"]
+    );
+    assert_eq!(loaded.frames[1].image, capture.frames[1].image);
+}
+
+#[test]
 fn files_outside_are_read_when_allowed() {
     let (folder, capture, mut json) = written(Vec3::ZERO);
     let path = folder.path().join("capture");

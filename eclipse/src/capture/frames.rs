@@ -1,10 +1,8 @@
 //! Photographs and masks: decoding in parallel, and what can be checked of each alone.
 
-use std::{
-    collections::HashSet,
-    ops::Range,
-    path::{Path, PathBuf},
-};
+mod names;
+
+use std::{ops::Range, path::Path};
 
 use rayon::prelude::*;
 use render::image::Image;
@@ -35,7 +33,7 @@ pub(super) fn load(
     reading: Reading,
 ) -> Result<Vec<Frame>, CaptureError> {
     let entries = &transforms.frames;
-    let names = names(json, entries)?;
+    let names = names::of(json, entries)?;
     let samples = samples((folder, json), entries, reading.1);
     check_samples(json, &samples)?;
     let at_once = reading.1.map_or(u64::MAX, |_| AT_ONCE);
@@ -206,48 +204,6 @@ fn load_frame(
         mask,
     };
     Ok((frame, size))
-}
-
-/// The frames' names: file names without extension or, where those repeat, paths with `_` between folders.
-fn names(json: &Path, entries: &[TransformsFrame]) -> Result<Vec<String>, CaptureError> {
-    let stem = |path: &Path| {
-        path.file_stem()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned()
-    };
-    let paths: Vec<PathBuf> = entries
-        .iter()
-        .map(|entry| PathBuf::from(entry.file_path.replace('\\', "/")))
-        .collect();
-    let distinct = |names: &[String]| {
-        let mut seen = HashSet::new();
-        names
-            .iter()
-            .position(|name| name.is_empty() || !seen.insert(name))
-    };
-    let short: Vec<String> = paths.iter().map(|path| stem(path)).collect();
-    if distinct(&short).is_none() {
-        return Ok(short);
-    }
-    let long: Vec<String> = paths
-        .iter()
-        .map(|path| {
-            let path = path.with_extension("");
-            let parts = path.components().filter_map(|part| match part {
-                std::path::Component::Normal(part) => Some(part.to_string_lossy().into_owned()),
-                _ => None,
-            });
-            parts.collect::<Vec<_>>().join("_")
-        })
-        .collect();
-    match distinct(&long) {
-        None => Ok(long),
-        Some(index) => Err(CaptureError::DuplicateFrame {
-            path: json.into(),
-            file_path: entries[index].file_path.clone(),
-        }),
-    }
 }
 
 fn check_size(

@@ -5,6 +5,7 @@
 mod color;
 mod environment;
 mod header;
+mod name;
 mod openexr;
 mod raster;
 mod reduce;
@@ -21,6 +22,7 @@ use crate::files::{atomic, read_limited};
 pub use color::{ColorEncoding, linear_to_srgb, srgb_to_linear};
 pub use environment::{EnvironmentIoError, EnvironmentOptions, Rows, read_environment};
 pub use header::{ImageSize, read_size};
+pub use name::{EXTENSIONS, stem};
 pub use openexr::{ExrFile, ExrOptions, Precision, decode_exr, encode_exr};
 pub use raster::{decode_raster, encode_png8};
 pub use reduce::{reduce, reduced_size};
