@@ -346,6 +346,15 @@ fn polygons_texture_coordinates_and_missing_normals() {
 }
 
 #[test]
+fn comments_of_an_obj_end_with_their_line() {
+    let text =
+        "# from C:\\models\\\nv 0 0 0\nv 1 0 \\\n0 # x \\\nv 0 1 0\nf 1 2 3 # all \\\nf 1 3 2\n";
+    let mesh = parse_obj(text.as_bytes()).unwrap();
+    assert_eq!(mesh.positions, [Vec3::ZERO, Vec3::X, Vec3::Y]);
+    assert_eq!(mesh.faces, [[0, 1, 2], [0, 2, 1]]);
+}
+
+#[test]
 fn counts_beyond_the_file_are_refused_at_once() {
     let huge = "ply\nformat binary_little_endian 1.0\nelement vertex 4000000000000\nproperty float x\nproperty float y\n\
         property float z\nend_header\n0000";
