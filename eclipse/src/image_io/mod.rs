@@ -4,6 +4,7 @@
 
 mod color;
 mod environment;
+mod exr_colors;
 mod header;
 mod name;
 mod openexr;
@@ -60,12 +61,13 @@ pub fn decode_image(
     Ok(image)
 }
 
-/// Reads the colour of an OpenEXR file: `R G B`, with `A` as a fourth channel where there is one, or `Y` (and `A`).
+/// Reads the colour of an OpenEXR file: `R G B`, with `A` as a fourth channel where there is one, or `Y` (and `A`); of the first
+/// part that has it.
 pub fn read_exr(path: &Path) -> Result<Image, ImageIoError> {
     decode_exr(&read_bytes(path)?, path)?.color_image(path)
 }
 
-/// Reads an OpenEXR file whole: all channels with their names, and its text metadata.
+/// Reads the picture of an OpenEXR file whole: all channels of its part with their names, and the text metadata.
 pub fn read_exr_file(path: &Path) -> Result<ExrFile, ImageIoError> {
     decode_exr(&read_bytes(path)?, path)
 }
@@ -149,6 +151,14 @@ pub enum ImageIoError {
         path: PathBuf,
         /// What the decoder said.
         reason: String,
+    },
+    /// The file is good, but uses a part of its format that is not read.
+    #[error("{} {problem}; export it as a plain image with R, G, B (and A) for every pixel", path.display())]
+    Unsupported {
+        /// The file.
+        path: PathBuf,
+        /// What it uses.
+        problem: String,
     },
     /// The header declares a size beyond all use.
     #[error(
