@@ -127,7 +127,7 @@ fn surface_of(document: &Document, buffers: &Buffers) -> Result<MeshSurface, Mes
             "neither textures nor vertex colours",
         ));
     };
-    let albedo = buffers.floats::<3>(&colors)?;
+    let albedo = buffers.colors(&colors)?;
     let scalars = |name: &str, default: f32| match primitive.get(&Semantic::Extras(name.to_owned()))
     {
         Some(accessor) => buffers.floats::<1>(&accessor),
