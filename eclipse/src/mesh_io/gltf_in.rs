@@ -12,7 +12,11 @@ use gltf::{
 };
 use render::mesh::Mesh;
 
-use super::{MAX_FILE, MeshParseError, gltf_accessor::Buffers, raw::RawMesh};
+use super::{
+    MAX_FILE, MeshParseError,
+    gltf_accessor::Buffers,
+    raw::{Origins, RawMesh},
+};
 
 /// Deepest nesting of nodes that is followed.
 const MAX_DEPTH: usize = 256;
@@ -48,7 +52,7 @@ pub(super) fn nothing_else(uri: &str, _most: u64) -> Result<Vec<u8>, String> {
 /// them again and again.
 pub fn parse_gltf(bytes: &[u8], load: &mut Load<'_>) -> Result<Mesh, MeshParseError> {
     let (document, buffers) = open(bytes, load)?;
-    mesh_of(&document, buffers)
+    Ok(mesh_of(&document, buffers)?.0)
 }
 
 /// The checked document and its buffers.
@@ -95,8 +99,11 @@ fn validate(root: &Root) -> Result<(), MeshParseError> {
     }
 }
 
-/// The triangles of the default scene.
-pub(super) fn mesh_of(document: &Document, buffers: Buffers) -> Result<Mesh, MeshParseError> {
+/// The triangles of the default scene, and which vertices of its primitives they have.
+pub(super) fn mesh_of(
+    document: &Document,
+    buffers: Buffers,
+) -> Result<(Mesh, Origins), MeshParseError> {
     let mut reader = Reader {
         buffers,
         visited: vec![false; document.nodes().count()],
@@ -125,7 +132,7 @@ pub(super) fn mesh_of(document: &Document, buffers: Buffers) -> Result<Mesh, Mes
     if no_uvs {
         raw.uvs.clear();
     }
-    raw.finish()
+    raw.finish_with_origins()
 }
 
 pub(super) fn syntax(reason: String) -> MeshParseError {
