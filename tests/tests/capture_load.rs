@@ -246,6 +246,57 @@ fn every_image_format_loads_without_its_extension() {
     assert_eq!(jpeg.frames[0].image.channels, 3, "grey images become RGB");
 }
 
+/// A JPEG file that says `Orientation` 6: it is shown turned clockwise by a quarter.
+fn lying_jpeg(path: &Path, width: u32, height: u32, value: impl Fn(u32, u32) -> u8) {
+    let picture = ImageBuffer::from_fn(width, height, |x, y| Luma([value(x, y)]));
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    let format = image::ImageFormat::Jpeg;
+    picture.write_to(&mut bytes, format).unwrap();
+    let mut bytes = bytes.into_inner();
+    let tiff = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0";
+    let exif = [&b"Exif\0\0"[..], tiff].concat();
+    let length = (exif.len() as u16 + 2).to_be_bytes();
+    // Behind the first marker, of the start.
+    bytes.splice(2..2, [&[0xff, 0xe1], &length[..], &exif].concat());
+    fs::write(path, bytes).unwrap();
+}
+
+#[test]
+fn photographs_are_turned_where_their_declared_size_asks_for_it() {
+    let (folder, capture, mut json) = written(Vec3::ZERO);
+    let path = folder.path().join("capture");
+    let [width, height] = SIZE.map(|side| side as u32);
+    let mask = path.join("mask.png");
+    write_png8(&mask, &capture.frames[0].mask).unwrap();
+    json["frames"][0]["file_path"] = json!("0.jpg");
+    json["frames"][0]["mask_path"] = json!("mask.png");
+    save(&folder, &json);
+    // Shown, it grows brighter to the right: what is stored grows brighter upwards.
+    lying_jpeg(&path.join("0.jpg"), height, width, |_, y| {
+        (width - 1 - y) as u8
+    });
+    let image = &load(&folder).frames[0].image;
+    assert_eq!([image.width, image.height], SIZE);
+    for x in [0, 31, 63] {
+        let expected = srgb_to_linear(x as f32 / 255.0);
+        assert!((image.pixel(x, 20)[0] - expected).abs() < 0.006, "{x}");
+    }
+
+    // What is stored in the declared size is left as it is.
+    lying_jpeg(&path.join("0.jpg"), width, height, |x, _| x as u8);
+    let raw = &load(&folder).frames[0].image;
+    assert!((raw.pixel(63, 20)[0] - srgb_to_linear(63.0 / 255.0)).abs() < 0.006);
+
+    lying_jpeg(&path.join("0.jpg"), 30, 20, |_, _| 99);
+    let message = Capture::load(&path, &LoadOptions::default())
+        .unwrap_err()
+        .to_string();
+    assert!(
+        message.contains("has 30×20 pixels and the EXIF orientation 6, which turns it, but `w`"),
+        "{message}"
+    );
+}
+
 #[test]
 fn the_color_encoding_can_be_stated() {
     let (folder, _, mut json) = written(Vec3::ZERO);

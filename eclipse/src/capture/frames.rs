@@ -15,7 +15,7 @@ use super::{
     pose::{camera, declared_size, rigid_pose},
     transforms::{Transforms, TransformsFrame},
 };
-use crate::image_io::{ColorEncoding, read_image, read_size, reduce, reduced_size};
+use crate::image_io::{ColorEncoding, read_image, read_size, read_turn, reduce, reduced_size};
 
 /// What is kept of a pixel of a photograph: three values of colour and one of coverage.
 const KEPT: usize = 4;
@@ -147,7 +147,7 @@ fn load_frame(
             source,
         })
     };
-    let image = decode(&path, encoding)?;
+    let image = as_declared(decode(&path, encoding)?, &path, declared);
     let size = [image.width, image.height];
     let wanted = [
         declared[0].unwrap_or(size[0]),
@@ -206,6 +206,20 @@ fn load_frame(
     Ok((frame, size))
 }
 
+/// The photograph as its file says that it is shown, where that has the declared size and what is stored has not: some programs
+/// that find the cameras turn photographs, some do not.
+fn as_declared(stored: Image, path: &Path, declared: [Option<usize>; 2]) -> Image {
+    let [w, h] = declared;
+    let fits = |width, height| w.is_none_or(|w| w == width) && h.is_none_or(|h| h == height);
+    if fits(stored.width, stored.height) || !fits(stored.height, stored.width) {
+        return stored;
+    }
+    match read_turn(path) {
+        Some(turn) => turn.shown(&stored),
+        None => stored,
+    }
+}
+
 fn check_size(
     frame: &str,
     path: &Path,
@@ -216,10 +230,14 @@ fn check_size(
     if found == wanted {
         return Ok(());
     }
+    let note = read_turn(path).map_or(String::new(), |turn| {
+        format!(" and the EXIF orientation {}, which turns it", turn.exif())
+    });
     Err(CaptureError::Size {
         frame: frame.into(),
         path: path.into(),
         found,
+        note,
         expected,
         wanted,
     })

@@ -10,6 +10,7 @@ mod name;
 mod openexr;
 mod raster;
 mod reduce;
+mod turn;
 
 use std::{
     io::Write,
@@ -27,6 +28,7 @@ pub use name::{EXTENSIONS, stem};
 pub use openexr::{ExrFile, ExrOptions, Precision, decode_exr, encode_exr};
 pub use raster::{decode_raster, encode_png8};
 pub use reduce::{reduce, reduced_size};
+pub use turn::{Turn, read_turn};
 
 /// Widest or highest image that is read, in pixels.
 pub const MAX_SIDE: usize = 1 << 16;

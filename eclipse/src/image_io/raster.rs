@@ -45,6 +45,12 @@ pub(super) fn size(source: impl BufRead + Seek, path: &Path) -> Result<ImageSize
     checked_decoder(source, path).map(|(_, size)| size)
 }
 
+/// The value of EXIF's `Orientation` in the image, 1 where it says nothing; `None` for what is no image.
+pub(super) fn orientation(bytes: &[u8], path: &Path) -> Option<u8> {
+    let (mut decoder, _) = checked_decoder(Cursor::new(bytes), path).ok()?;
+    Some(decoder.orientation().ok()?.to_exif())
+}
+
 /// A decoder that has read the header of an image and refused what is too large, and the size.
 fn checked_decoder<'a>(
     source: impl BufRead + Seek + 'a,
