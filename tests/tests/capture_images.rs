@@ -130,6 +130,30 @@ fn png_values_follow_the_encoding() {
 }
 
 #[test]
+fn exposures_of_radiance_files_are_undone() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.hdr");
+    image::ImageBuffer::<image::Rgb<f32>, _>::from_raw(1, 1, vec![0.5, 0.25, 1.0])
+        .unwrap()
+        .save(&path)
+        .unwrap();
+    assert_eq!(read_image(&path, None).unwrap().data, [0.5, 0.25, 1.0]);
+    let bytes = std::fs::read(&path).unwrap();
+    let line = bytes.iter().position(|&byte| byte == b'\n').unwrap() + 1;
+    let with = |lines: &[u8]| {
+        let spliced = [&bytes[..line], lines, &bytes[line..]].concat();
+        decode_image(&spliced, &path, None)
+    };
+    let read = with(b"EXPOSURE=4\nEXPOSURE=0.5\nCOLORCORR=1 0.5 2\n").unwrap();
+    assert_eq!(read.data, [0.25, 0.25, 0.25]);
+    let message = with(b"EXPOSURE=0\n").unwrap_err().to_string();
+    assert!(
+        message.contains("a.hdr") && message.contains("EXPOSURE=0"),
+        "{message}"
+    );
+}
+
+#[test]
 fn the_srgb_curve_has_its_published_values() {
     // IEC 61966-2-1: mid grey 118/255 is 0.18116, the straight part ends at 0.04045.
     assert!((srgb_to_linear(118.0 / 255.0) - 0.181_164).abs() < 1e-5);

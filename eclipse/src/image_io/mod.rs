@@ -8,6 +8,7 @@ mod exr_colors;
 mod header;
 mod name;
 mod openexr;
+mod radiance;
 mod raster;
 mod reduce;
 mod turn;
