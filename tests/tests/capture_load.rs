@@ -302,6 +302,25 @@ fn photographs_are_turned_where_their_declared_size_asks_for_it() {
 }
 
 #[test]
+fn a_mask_may_number_what_it_shows() {
+    let (folder, capture, mut json) = written(Vec3::ZERO);
+    let mut mask = capture.frames[2].mask.clone();
+    for value in &mut mask.data {
+        *value = if *value > 0.5 { 2.0 / 255.0 } else { 0.0 };
+    }
+    write_png8(&folder.path().join("capture/labels.png"), &mask).unwrap();
+    json["frames"][2]["mask_path"] = json!("labels.png");
+    save(&folder, &json);
+    let found = &load(&folder).frames[2].mask;
+    let pairs = found.data.iter().zip(&mask.data);
+    assert!(
+        pairs
+            .into_iter()
+            .all(|(found, label)| *found == label.ceil())
+    );
+}
+
+#[test]
 fn the_color_encoding_can_be_stated() {
     let (folder, _, mut json) = written(Vec3::ZERO);
     json["color_encoding"] = json!("srgb");

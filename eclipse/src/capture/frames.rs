@@ -1,5 +1,6 @@
 //! Photographs and masks: decoding in parallel, and what can be checked of each alone.
 
+mod masks;
 mod names;
 
 use std::{ops::Range, path::Path};
@@ -169,9 +170,9 @@ fn load_frame(
                 size,
             )?;
             check_finite(&name, &mask_path, &mask)?;
-            (file_mask(&mask), mask_path)
+            (masks::of_file(&mask), mask_path)
         }
-        None if image.channels.is_multiple_of(2) => (channel(&image, image.channels - 1), path),
+        None if image.channels.is_multiple_of(2) => (masks::of_alpha(&image), path),
         None => return Err(CaptureError::NoMask { frame: name, path }),
     };
     let small = max_size.map_or(size, |longest| reduced_size(size, longest));
@@ -295,51 +296,6 @@ fn check_finite(frame: &str, path: &Path, image: &Image) -> Result<(), CaptureEr
         column,
         row,
     })
-}
-
-/// One channel, clamped to [0, 1].
-fn channel(image: &Image, index: usize) -> Image {
-    let data = image
-        .data
-        .iter()
-        .skip(index)
-        .step_by(image.channels)
-        .map(|value| value.clamp(0.0, 1.0))
-        .collect();
-    Image {
-        channels: 1,
-        data,
-        ..*image
-    }
-}
-
-/// The mask in a file of its own: its brightest colour times its alpha, so that white on black, white on nothing and
-/// coloured labels all work.
-fn file_mask(image: &Image) -> Image {
-    let colors = if image.channels.is_multiple_of(2) {
-        image.channels - 1
-    } else {
-        image.channels
-    };
-    let coverage = |pixel: &[f32]| {
-        let brightest = pixel[..colors].iter().copied().fold(0.0, f32::max);
-        let alpha = if colors < pixel.len() {
-            pixel[colors]
-        } else {
-            1.0
-        };
-        (brightest * alpha).clamp(0.0, 1.0)
-    };
-    let data = image
-        .data
-        .chunks_exact(image.channels)
-        .map(coverage)
-        .collect();
-    Image {
-        channels: 1,
-        data,
-        ..*image
-    }
 }
 
 #[cfg(test)]
