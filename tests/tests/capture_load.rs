@@ -302,6 +302,47 @@ fn photographs_are_turned_where_their_declared_size_asks_for_it() {
 }
 
 #[test]
+fn values_that_are_not_finite_matter_where_the_object_is() {
+    let (folder, capture, mut json) = written(Vec3::ZERO);
+    let path = folder.path().join("capture");
+    let frame = &capture.frames[3];
+    let outside = frame.mask.data.iter().position(|m| *m == 0.0).unwrap();
+    let inside = frame.mask.data.iter().position(|m| *m == 1.0).unwrap();
+    let spoiled = |pixel: usize, alpha: bool| {
+        let names = ["R", "G", "B", "A"];
+        let mut image = Image::filled(SIZE[0], SIZE[1], 3 + usize::from(alpha), 0.5);
+        for (k, pixel) in image
+            .data
+            .chunks_exact_mut(3 + usize::from(alpha))
+            .enumerate()
+        {
+            pixel[3..].fill(frame.mask.data[k]);
+        }
+        image.data[pixel * (3 + usize::from(alpha)) + 1] = f32::NAN;
+        let names = &names[..image.channels];
+        write_exr(&path.join("003.exr"), &image, names).unwrap();
+    };
+    write_png8(&path.join("mask.png"), &frame.mask).unwrap();
+    for alpha in [true, false] {
+        if !alpha {
+            json["frames"][3]["mask_path"] = json!("mask.png");
+            save(&folder, &json);
+        }
+        spoiled(outside, alpha);
+        let image = &load(&folder).frames[3].image;
+        assert_eq!(image.data[3 * outside..3 * outside + 3], [0.5, 0.0, 0.5]);
+        spoiled(inside, alpha);
+        let message = Capture::load(&path, &LoadOptions::default())
+            .unwrap_err()
+            .to_string();
+        assert!(
+            message.contains("003.exr has 1 pixel that are NaN or infinite"),
+            "{message}"
+        );
+    }
+}
+
+#[test]
 fn a_mask_may_number_what_it_shows() {
     let (folder, capture, mut json) = written(Vec3::ZERO);
     let mut mask = capture.frames[2].mask.clone();

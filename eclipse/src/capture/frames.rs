@@ -148,7 +148,7 @@ fn load_frame(
             source,
         })
     };
-    let image = as_declared(decode(&path, encoding)?, &path, declared);
+    let mut image = as_declared(decode(&path, encoding)?, &path, declared);
     let size = [image.width, image.height];
     let wanted = [
         declared[0].unwrap_or(size[0]),
@@ -156,7 +156,6 @@ fn load_frame(
     ];
     check_size(&name, &path, size, "`w` and `h` say", wanted)?;
     let camera = camera(at, transforms.projection(), &intrinsics, size, pose)?;
-    check_finite(&name, &path, &image)?;
     let (mask, mask_path) = match &entry.mask_path {
         Some(mask_path) => {
             let mask_path = folder.image(at, "mask_path", mask_path)?;
@@ -169,12 +168,19 @@ fn load_frame(
                 "the image has",
                 size,
             )?;
-            check_finite(&name, &mask_path, &mask)?;
+            refuse_not_finite(&name, &mask_path, &mask, |_| true)?;
             (masks::of_file(&mask), mask_path)
         }
-        None if image.channels.is_multiple_of(2) => (masks::of_alpha(&image), path),
+        None if image.channels.is_multiple_of(2) => (masks::of_alpha(&image), path.clone()),
         None => return Err(CaptureError::NoMask { frame: name, path }),
     };
+    // Alpha that is not finite says neither.
+    let may_show = |pixel: usize| mask.data[pixel].is_nan() || mask.data[pixel] > 0.0;
+    refuse_not_finite(&name, &path, &image, may_show)?;
+    // Renderers leave such values where there is nothing: they are of no pixel that is used, and must not spread when averaged.
+    for value in image.data.iter_mut().filter(|value| !value.is_finite()) {
+        *value = 0.0;
+    }
     let small = max_size.map_or(size, |longest| reduced_size(size, longest));
     let reduced = |image: Image| match small == size {
         true => image,
@@ -281,13 +287,20 @@ fn same_sizes(
     Ok(())
 }
 
-fn check_finite(frame: &str, path: &Path, image: &Image) -> Result<(), CaptureError> {
-    let bad = |pixel: &&[f32]| pixel.iter().any(|value| !value.is_finite());
-    let mut pixels = image.data.chunks_exact(image.channels);
-    let Some(first) = pixels.position(|pixel| bad(&pixel)) else {
+/// Refuses an image with values that are not finite in pixels that matter, by their number.
+fn refuse_not_finite(
+    frame: &str,
+    path: &Path,
+    image: &Image,
+    matters: impl Fn(usize) -> bool,
+) -> Result<(), CaptureError> {
+    let pixels = image.data.chunks_exact(image.channels).enumerate();
+    let mut bad = pixels
+        .filter(|(index, pixel)| pixel.iter().any(|value| !value.is_finite()) && matters(*index));
+    let Some((first, _)) = bad.next() else {
         return Ok(());
     };
-    let count = 1 + pixels.filter(bad).count();
+    let count = 1 + bad.count();
     let (column, row) = (first % image.width, first / image.width);
     Err(CaptureError::NotFinite {
         frame: frame.into(),

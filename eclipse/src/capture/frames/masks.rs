@@ -7,12 +7,15 @@ const LAST_LABEL: f32 = 8.0;
 /// Steps from black to white in files of 8 and of 16 bits.
 const STEPS: [f32; 2] = [255.0, 65535.0];
 
-/// The mask in a photograph's own alpha, its last channel.
+/// The mask in a photograph's own alpha, its last channel; NaN where that is not finite.
 pub(super) fn of_alpha(image: &Image) -> Image {
     let alphas = image.data.iter().skip(image.channels - 1);
     let data = alphas
         .step_by(image.channels)
-        .map(|alpha| alpha.clamp(0.0, 1.0));
+        .map(|alpha| match alpha.is_finite() {
+            true => alpha.clamp(0.0, 1.0),
+            false => f32::NAN,
+        });
     Image {
         channels: 1,
         data: data.collect(),
