@@ -25,10 +25,7 @@ const MAX_FILE: u64 = 1 << 32;
 pub fn save(folder: &Path, checkpoint: &Checkpoint) -> Result<(), CheckpointError> {
     let path = folder.join(LATEST);
     let staged = begin(folder, checkpoint)?;
-    staged
-        .persist(&path)
-        .map_err(|error| unwritten(&path, error.error))?;
-    Ok(())
+    atomic::persist(staged, &path).map_err(|error| unwritten(&path, error))
 }
 
 /// All of [`save`] but its last step, at which the new checkpoint takes the place of the latest.
@@ -105,13 +102,13 @@ pub fn load(folder: &Path) -> Result<Checkpoint, CheckpointError> {
     })
 }
 
-/// A number that changes with any pixel, mask, camera, lamp or vertex of the capture, and not with where it lies on disk.
+/// A number that changes with any pixel, mask, camera, lamp, vertex or normal of the capture, and not with where it lies on disk.
 pub fn fingerprint(capture: &Capture) -> u64 {
     let mut bytes = Vec::new();
     let mut floats = |values: &[f32]| values.iter().for_each(|v| bytes.extend(v.to_le_bytes()));
     let mut parts = Vec::new();
-    for position in &capture.mesh.positions {
-        floats(&position.to_array());
+    for vector in capture.mesh.positions.iter().chain(&capture.mesh.normals) {
+        floats(&vector.to_array());
     }
     floats(&capture.centre.to_array());
     for frame in &capture.frames {
