@@ -454,6 +454,35 @@ fn extensions_that_are_not_understood_are_named_and_those_of_looks_are_not_misse
 }
 
 #[test]
+fn meshes_that_something_else_puts_into_place_are_refused_with_what_to_do() {
+    let message = |json: &Value| {
+        let error = parse_glb(json.to_string().as_bytes()).unwrap_err();
+        error.to_string()
+    };
+    let mut json = embedded(json!({ "mesh": 0, "skin": 0 }));
+    json["skins"] = json!([{ "joints": [0] }]);
+    assert_eq!(
+        message(&json),
+        "is moved by bones (its node 0 has a skin), which is not supported: apply the pose (in Blender: Object, Convert, \
+         Mesh), and export it again"
+    );
+    let mut json = embedded(json!({ "mesh": 0 }));
+    // Bones that no mesh hangs on are in nobody's way.
+    json["skins"] = json!([{ "joints": [0] }]);
+    parse_glb(json.to_string().as_bytes()).unwrap();
+    for field in ["extensionsUsed", "extensionsRequired"] {
+        json["extensionsUsed"] = json!(["EXT_mesh_gpu_instancing"]);
+        json[field] = json!(["EXT_mesh_gpu_instancing"]);
+        let message = message(&json);
+        assert!(
+            message.contains("has instances (EXT_mesh_gpu_instancing)")
+                && message.contains("make them real"),
+            "{message}"
+        );
+    }
+}
+
+#[test]
 fn quantized_meshes_are_read_as_they_are_meant() {
     // Positions as signed bytes, as they are and normalised, four bytes a vertex; the node brings them to their place.
     let corners: [[i8; 3]; 4] = [[0, 0, 0], [127, 0, 0], [0, 0, -127], [0, 127, 0]];

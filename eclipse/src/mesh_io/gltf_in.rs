@@ -29,6 +29,8 @@ const DISPENSABLE: [&str; 4] = [
 ];
 /// Positions, normals and texture coordinates as integers, which are read like floats.
 const QUANTIZATION: &str = "KHR_mesh_quantization";
+/// A mesh at many places, which the node that shows it lists.
+const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 
 /// Parses a self-contained glTF file, binary or JSON (buffers embedded as data URIs).
 pub fn parse_glb(bytes: &[u8]) -> Result<Mesh, MeshParseError> {
@@ -63,6 +65,13 @@ pub(super) fn open(bytes: &[u8], load: &mut Load) -> Result<(Document, Buffers),
         let only_looks = DISPENSABLE.iter().any(|prefix| name.starts_with(prefix));
         !only_looks && name != QUANTIZATION
     });
+    // Whether it is required or not: the object is where its instances are.
+    if root.extensions_used.iter().any(|name| name == INSTANCING) {
+        return Err(MeshParseError::NotInPlace {
+            what: format!("has instances ({INSTANCING})"),
+            remedy: "make them real (in Blender: Object, Apply, Make Instances Real)",
+        });
+    }
     // Else the library would call a sound file invalid.
     if let Some(name) = root.extensions_required.first() {
         return Err(MeshParseError::Unsupported(format!("the extension {name}")));
@@ -279,6 +288,12 @@ impl Reader {
                 "its node {} has two parents, or is nested too deeply",
                 node.index()
             )));
+        }
+        if node.mesh().is_some() && node.skin().is_some() {
+            return Err(MeshParseError::NotInPlace {
+                what: format!("is moved by bones (its node {} has a skin)", node.index()),
+                remedy: "apply the pose (in Blender: Object, Convert, Mesh)",
+            });
         }
         let world = parent * Mat4::from_cols_array_2d(&node.transform().matrix());
         for primitive in node.mesh().iter().flat_map(|mesh| mesh.primitives()) {
