@@ -16,9 +16,18 @@ use serde_json::{Value, json};
 use tempfile::TempDir;
 use tungstenite::{Message, WebSocket, stream::MaybeTlsStream};
 
+use crate::skipped;
+
 /// The variable that names the browser to use.
 pub const VARIABLE: &str = "ECLIPSE_BROWSER";
-const NAMES: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "chrome"];
+const NAMES: [&str; 6] = [
+    "chromium",
+    "chromium-browser",
+    "google-chrome",
+    "google-chrome-stable",
+    "chrome",
+    "chrome-headless-shell",
+];
 /// A busy machine without a graphics card takes its time.
 const PATIENCE: Duration = Duration::from_secs(120);
 
@@ -34,7 +43,9 @@ pub fn installed() -> Option<PathBuf> {
         all.into_iter().find(|path| path.is_file())
     });
     if found.is_none() {
-        eprintln!("SKIPPED: no Chromium found; install one or name it in {VARIABLE}");
+        skipped(&format!(
+            "no Chromium found; install one or name it in {VARIABLE}"
+        ));
     }
     found
 }

@@ -18,7 +18,7 @@ fn captures(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) {
 #[test]
 fn every_capture_of_the_collection_loads() {
     let Some(folder) = std::env::var_os("ECLIPSE_CAPTURES") else {
-        println!("skipped: ECLIPSE_CAPTURES names no folder of captures");
+        eclipse_tests::skipped("ECLIPSE_CAPTURES names no folder of captures");
         return;
     };
     let mut found = Vec::new();

@@ -351,6 +351,10 @@ fn poses_that_are_not_rigid() {
         "is it transposed?",
     );
     check(
+        json!([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 1e-5, 1]]),
+        "is it transposed?",
+    );
+    check(
         json!([[1, 0, 0], [0, 1, 0], [0, 0, 1]]),
         "has 3 rows, the first of 3 numbers",
     );

@@ -425,6 +425,20 @@ fn blenders_training_split_is_the_capture() {
     assert_eq!(names(&load(&path)), ["000", "002", "003"]);
     let source = Capture::describe(&path, &LoadOptions::default()).unwrap();
     assert_eq!((source.format, source.left_out), ("Blender's splits", 3));
+    // Nothing but the number of the others' frames is used.
+    let fisheye = r#"{"camera_model": "OPENCV_FISHEYE", "frames": [{"file_path": "a"}, {}]}"#;
+    for (other, left_out) in [
+        (r#"{"frames": []}"#, 1),
+        ("{}", 1),
+        ("", 1),
+        ("\n", 1),
+        (fisheye, 3),
+    ] {
+        fs::write(path.join("transforms_test.json"), other).unwrap();
+        assert_eq!(names(&load(&path)), ["000", "002", "003"]);
+        let source = Capture::describe(&path, &LoadOptions::default()).unwrap();
+        assert_eq!(source.left_out, left_out, "{other}");
+    }
     fs::write(path.join("transforms_test.json"), "{").unwrap();
     says(&path, &["transforms_test.json cannot be understood"]);
     fs::remove_file(path.join("transforms_train.json")).unwrap();
@@ -451,6 +465,10 @@ fn nerfstudios_splits_keep_training_frames_only() {
     assert_eq!(names(&load(&path)), ["000", "005"]);
     let source = Capture::describe(&path, &LoadOptions::default()).unwrap();
     assert_eq!(source.left_out, 4);
+    json["train_filenames"] = json!(["./000.exr", ".\\005.exr"]);
+    json["frames"][0]["file_path"] = json!("././000.exr");
+    save(&json);
+    assert_eq!(names(&load(&path)), ["000", "005"]);
     json["train_filenames"] = json!([]);
     save(&json);
     says(&path, &["transforms.json", "no frame is for training"]);

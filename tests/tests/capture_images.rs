@@ -130,6 +130,30 @@ fn png_values_follow_the_encoding() {
 }
 
 #[test]
+fn exposures_of_radiance_files_are_undone() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.hdr");
+    image::ImageBuffer::<image::Rgb<f32>, _>::from_raw(1, 1, vec![0.5, 0.25, 1.0])
+        .unwrap()
+        .save(&path)
+        .unwrap();
+    assert_eq!(read_image(&path, None).unwrap().data, [0.5, 0.25, 1.0]);
+    let bytes = std::fs::read(&path).unwrap();
+    let line = bytes.iter().position(|&byte| byte == b'\n').unwrap() + 1;
+    let with = |lines: &[u8]| {
+        let spliced = [&bytes[..line], lines, &bytes[line..]].concat();
+        decode_image(&spliced, &path, None)
+    };
+    let read = with(b"EXPOSURE=4\nEXPOSURE=0.5\nCOLORCORR=1 0.5 2\n").unwrap();
+    assert_eq!(read.data, [0.25, 0.25, 0.25]);
+    let message = with(b"EXPOSURE=0\n").unwrap_err().to_string();
+    assert!(
+        message.contains("a.hdr") && message.contains("EXPOSURE=0"),
+        "{message}"
+    );
+}
+
+#[test]
 fn the_srgb_curve_has_its_published_values() {
     // IEC 61966-2-1: mid grey 118/255 is 0.18116, the straight part ends at 0.04045.
     assert!((srgb_to_linear(118.0 / 255.0) - 0.181_164).abs() < 1e-5);
@@ -184,6 +208,87 @@ fn one_pixel_in(side: u32) -> Vec<u8> {
         bytes[corner..corner + 4].copy_from_slice(&(side - 1).to_le_bytes());
     }
     bytes
+}
+
+/// An OpenEXR file of parts of 2 × 2 pixels, each with its name and channels that are all `value`, from 0 on.
+fn parts(parts: &[(&str, &[&str])]) -> Vec<u8> {
+    use exr::prelude::{
+        AnyChannel, AnyChannels, Encoding, FlatSamples, Image, ImageAttributes, IntegerBounds,
+        Layer, LayerAttributes, Layers, SmallVec, Text, WritableImage,
+    };
+    let mut value = 0.0;
+    let mut layers = Layers::new();
+    for (name, channels) in parts {
+        let mut list = SmallVec::new();
+        for channel in *channels {
+            list.push(AnyChannel::new(
+                Text::from(*channel),
+                FlatSamples::F32(vec![value; 4]),
+            ));
+            value += 1.0;
+        }
+        layers.push(Layer::new(
+            (2, 2),
+            LayerAttributes::named(*name),
+            Encoding::FAST_LOSSLESS,
+            AnyChannels::sort(list),
+        ));
+    }
+    let attributes = ImageAttributes::new(IntegerBounds::from_dimensions((2, 2)));
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    let image: Image<Layers<AnyChannels<FlatSamples>>> = Image::from_layers(attributes, layers);
+    image
+        .write()
+        .non_parallel()
+        .to_buffered(&mut bytes)
+        .unwrap();
+    bytes.into_inner()
+}
+
+#[test]
+fn the_picture_is_the_first_part_with_colours() {
+    let path = Path::new("a.exr");
+    let pixel = |bytes: &[u8]| {
+        decode_image(bytes, path, None)
+            .unwrap()
+            .pixel(1, 1)
+            .to_vec()
+    };
+    let bytes = parts(&[
+        ("depth", &["Z"]),
+        ("position", &["X", "Y", "Z"]),
+        ("picture", &["R", "G", "B", "A"]),
+        ("albedo", &["R", "G", "B"]),
+    ]);
+    assert_eq!(pixel(&bytes), [4.0, 5.0, 6.0, 7.0]);
+    let names = decode_exr(&bytes, path).unwrap().channel_names;
+    assert_eq!(names, ["A", "B", "G", "R"]);
+    let bytes = parts(&[("a", &["r", "g", "b", "Z"])]);
+    assert_eq!(pixel(&bytes), [0.0, 1.0, 2.0]);
+    let none = parts(&[("position", &["X", "Y", "Z"]), ("depth", &["Z"])]);
+    let message = decode_image(&none, path, None).unwrap_err().to_string();
+    assert!(message.contains("has the channels X, Y, Z"), "{message}");
+}
+
+#[test]
+fn subsampled_channels_are_called_so_and_not_damaged() {
+    for side in [4, 5] {
+        let path = Path::new("a.exr");
+        let options = ExrOptions::default();
+        let mut bytes = encode_exr(&ramp(side, side, 1), &["Y"], &options, path).unwrap();
+        let list = b"channels\0chlist\0";
+        let at = bytes.windows(list.len()).position(|w| w == list).unwrap();
+        // After the list's length: the name, the type and whether it is linear, then the steps across and down.
+        let steps = at + list.len() + 4 + 2 + 4 + 4;
+        assert_eq!(bytes[steps..steps + 8], [1, 0, 0, 0, 1, 0, 0, 0]);
+        bytes[steps] = 2;
+        bytes[steps + 4] = 2;
+        let message = decode_image(&bytes, path, None).unwrap_err().to_string();
+        assert!(
+            message.contains("a.exr has subsampled channels, which are not supported"),
+            "{message}"
+        );
+    }
 }
 
 #[test]

@@ -141,9 +141,13 @@ fn poses_may_have_three_rows_and_sizes_may_be_floats_or_absent() {
     for frame in json["frames"].as_array_mut().unwrap() {
         frame["transform_matrix"].as_array_mut().unwrap().pop();
     }
+    // Rounding errors of whoever computed it, and the mark that editors on Windows put before a text.
+    let rows = json["frames"][1]["transform_matrix"].as_array_mut();
+    rows.unwrap().push(json!([0.0, -1e-9, 2e-8, 1.0 - 1e-7]));
     json["w"] = json!(64.0);
     json.as_object_mut().unwrap().remove("h");
-    save(&folder, &json);
+    let path = folder.path().join("capture/transforms.json");
+    fs::write(path, format!("\u{feff}{json}")).unwrap();
     let loaded = load(&folder);
     assert_eq!(
         [
@@ -246,6 +250,117 @@ fn every_image_format_loads_without_its_extension() {
     assert_eq!(jpeg.frames[0].image.channels, 3, "grey images become RGB");
 }
 
+/// A JPEG file that says `Orientation` 6: it is shown turned clockwise by a quarter.
+fn lying_jpeg(path: &Path, width: u32, height: u32, value: impl Fn(u32, u32) -> u8) {
+    let picture = ImageBuffer::from_fn(width, height, |x, y| Luma([value(x, y)]));
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    let format = image::ImageFormat::Jpeg;
+    picture.write_to(&mut bytes, format).unwrap();
+    let mut bytes = bytes.into_inner();
+    let tiff = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0";
+    let exif = [&b"Exif\0\0"[..], tiff].concat();
+    let length = (exif.len() as u16 + 2).to_be_bytes();
+    // Behind the first marker, of the start.
+    bytes.splice(2..2, [&[0xff, 0xe1], &length[..], &exif].concat());
+    fs::write(path, bytes).unwrap();
+}
+
+#[test]
+fn photographs_are_turned_where_their_declared_size_asks_for_it() {
+    let (folder, capture, mut json) = written(Vec3::ZERO);
+    let path = folder.path().join("capture");
+    let [width, height] = SIZE.map(|side| side as u32);
+    let mask = path.join("mask.png");
+    write_png8(&mask, &capture.frames[0].mask).unwrap();
+    json["frames"][0]["file_path"] = json!("0.jpg");
+    json["frames"][0]["mask_path"] = json!("mask.png");
+    save(&folder, &json);
+    // Shown, it grows brighter to the right: what is stored grows brighter upwards.
+    lying_jpeg(&path.join("0.jpg"), height, width, |_, y| {
+        (width - 1 - y) as u8
+    });
+    let image = &load(&folder).frames[0].image;
+    assert_eq!([image.width, image.height], SIZE);
+    for x in [0, 31, 63] {
+        let expected = srgb_to_linear(x as f32 / 255.0);
+        assert!((image.pixel(x, 20)[0] - expected).abs() < 0.006, "{x}");
+    }
+
+    // What is stored in the declared size is left as it is.
+    lying_jpeg(&path.join("0.jpg"), width, height, |x, _| x as u8);
+    let raw = &load(&folder).frames[0].image;
+    assert!((raw.pixel(63, 20)[0] - srgb_to_linear(63.0 / 255.0)).abs() < 0.006);
+
+    lying_jpeg(&path.join("0.jpg"), 30, 20, |_, _| 99);
+    let message = Capture::load(&path, &LoadOptions::default())
+        .unwrap_err()
+        .to_string();
+    assert!(
+        message.contains("has 30×20 pixels and the EXIF orientation 6, which turns it, but `w`"),
+        "{message}"
+    );
+}
+
+#[test]
+fn values_that_are_not_finite_matter_where_the_object_is() {
+    let (folder, capture, mut json) = written(Vec3::ZERO);
+    let path = folder.path().join("capture");
+    let frame = &capture.frames[3];
+    let outside = frame.mask.data.iter().position(|m| *m == 0.0).unwrap();
+    let inside = frame.mask.data.iter().position(|m| *m == 1.0).unwrap();
+    let spoiled = |pixel: usize, alpha: bool| {
+        let names = ["R", "G", "B", "A"];
+        let mut image = Image::filled(SIZE[0], SIZE[1], 3 + usize::from(alpha), 0.5);
+        for (k, pixel) in image
+            .data
+            .chunks_exact_mut(3 + usize::from(alpha))
+            .enumerate()
+        {
+            pixel[3..].fill(frame.mask.data[k]);
+        }
+        image.data[pixel * (3 + usize::from(alpha)) + 1] = f32::NAN;
+        let names = &names[..image.channels];
+        write_exr(&path.join("003.exr"), &image, names).unwrap();
+    };
+    write_png8(&path.join("mask.png"), &frame.mask).unwrap();
+    for alpha in [true, false] {
+        if !alpha {
+            json["frames"][3]["mask_path"] = json!("mask.png");
+            save(&folder, &json);
+        }
+        spoiled(outside, alpha);
+        let image = &load(&folder).frames[3].image;
+        assert_eq!(image.data[3 * outside..3 * outside + 3], [0.5, 0.0, 0.5]);
+        spoiled(inside, alpha);
+        let message = Capture::load(&path, &LoadOptions::default())
+            .unwrap_err()
+            .to_string();
+        assert!(
+            message.contains("003.exr has 1 pixel that are NaN or infinite"),
+            "{message}"
+        );
+    }
+}
+
+#[test]
+fn a_mask_may_number_what_it_shows() {
+    let (folder, capture, mut json) = written(Vec3::ZERO);
+    let mut mask = capture.frames[2].mask.clone();
+    for value in &mut mask.data {
+        *value = if *value > 0.5 { 2.0 / 255.0 } else { 0.0 };
+    }
+    write_png8(&folder.path().join("capture/labels.png"), &mask).unwrap();
+    json["frames"][2]["mask_path"] = json!("labels.png");
+    save(&folder, &json);
+    let found = &load(&folder).frames[2].mask;
+    let pairs = found.data.iter().zip(&mask.data);
+    assert!(
+        pairs
+            .into_iter()
+            .all(|(found, label)| *found == label.ceil())
+    );
+}
+
 #[test]
 fn the_color_encoding_can_be_stated() {
     let (folder, _, mut json) = written(Vec3::ZERO);
@@ -304,6 +419,31 @@ fn equal_names_in_different_folders_are_told_apart() {
         .map(|frame| frame.name)
         .collect();
     assert_eq!(names, ["train_r_0", "test_r_0", "002", "003", "004", "005"]);
+}
+
+#[test]
+fn names_may_hold_dots() {
+    let (folder, capture, mut json) = written(Vec3::ZERO);
+    let path = folder.path().join("capture");
+    for index in 0..3 {
+        let name = format!("view.{index:03}");
+        fs::rename(
+            path.join(format!("{index:03}.exr")),
+            path.join(format!("{name}.exr")),
+        )
+        .unwrap();
+        // With the ending and without.
+        let ending = if index == 0 { ".exr" } else { "" };
+        json["frames"][index]["file_path"] = json!(format!("./{name}{ending}"));
+    }
+    save(&folder, &json);
+    let loaded = load(&folder);
+    let names: Vec<&str> = loaded.frames.iter().map(|frame| &*frame.name).collect();
+    assert_eq!(
+        names,
+        ["view.000", "view.001", "view.002", "003", "004", "005"]
+    );
+    assert_eq!(loaded.frames[1].image, capture.frames[1].image);
 }
 
 #[test]

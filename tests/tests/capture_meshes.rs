@@ -4,8 +4,8 @@ use std::{fs, path::Path};
 
 use base64::{Engine, prelude::BASE64_STANDARD};
 use eclipse::mesh_io::{
-    GlbSurface, GlbTextures, Load, MAX_FACES, MAX_FILE, MeshParseError, encode_glb, parse_glb,
-    parse_gltf, parse_obj, parse_ply, read_mesh,
+    GlbSurface, GlbTextures, Load, MAX_FACES, MAX_FILE, MeshParseError, MeshSurface, encode_glb,
+    parse_glb, parse_gltf, parse_obj, parse_ply, parse_surfaced_glb, read_mesh,
 };
 use eclipse_tests::small_capture::boxes;
 use glam::{Mat4, Vec2, Vec3};
@@ -346,6 +346,15 @@ fn polygons_texture_coordinates_and_missing_normals() {
 }
 
 #[test]
+fn comments_of_an_obj_end_with_their_line() {
+    let text =
+        "# from C:\\models\\\nv 0 0 0\nv 1 0 \\\n0 # x \\\nv 0 1 0\nf 1 2 3 # all \\\nf 1 3 2\n";
+    let mesh = parse_obj(text.as_bytes()).unwrap();
+    assert_eq!(mesh.positions, [Vec3::ZERO, Vec3::X, Vec3::Y]);
+    assert_eq!(mesh.faces, [[0, 1, 2], [0, 2, 1]]);
+}
+
+#[test]
 fn counts_beyond_the_file_are_refused_at_once() {
     let huge = "ply\nformat binary_little_endian 1.0\nelement vertex 4000000000000\nproperty float x\nproperty float y\n\
         property float z\nend_header\n0000";
@@ -445,6 +454,35 @@ fn extensions_that_are_not_understood_are_named_and_those_of_looks_are_not_misse
 }
 
 #[test]
+fn meshes_that_something_else_puts_into_place_are_refused_with_what_to_do() {
+    let message = |json: &Value| {
+        let error = parse_glb(json.to_string().as_bytes()).unwrap_err();
+        error.to_string()
+    };
+    let mut json = embedded(json!({ "mesh": 0, "skin": 0 }));
+    json["skins"] = json!([{ "joints": [0] }]);
+    assert_eq!(
+        message(&json),
+        "is moved by bones (its node 0 has a skin), which is not supported: apply the pose (in Blender: Object, Convert, \
+         Mesh), and export it again"
+    );
+    let mut json = embedded(json!({ "mesh": 0 }));
+    // Bones that no mesh hangs on are in nobody's way.
+    json["skins"] = json!([{ "joints": [0] }]);
+    parse_glb(json.to_string().as_bytes()).unwrap();
+    for field in ["extensionsUsed", "extensionsRequired"] {
+        json["extensionsUsed"] = json!(["EXT_mesh_gpu_instancing"]);
+        json[field] = json!(["EXT_mesh_gpu_instancing"]);
+        let message = message(&json);
+        assert!(
+            message.contains("has instances (EXT_mesh_gpu_instancing)")
+                && message.contains("make them real"),
+            "{message}"
+        );
+    }
+}
+
+#[test]
 fn quantized_meshes_are_read_as_they_are_meant() {
     // Positions as signed bytes, as they are and normalised, four bytes a vertex; the node brings them to their place.
     let corners: [[i8; 3]; 4] = [[0, 0, 0], [127, 0, 0], [0, 0, -127], [0, 127, 0]];
@@ -480,6 +518,116 @@ fn quantized_meshes_are_read_as_they_are_meant() {
             }
         }
     }
+}
+
+/// The tetrahedron with accessor 0 changed, and these bytes in the views 2 and 3.
+fn changed(accessor: Value, views: [&[u8]; 2]) -> Value {
+    let (mut json, mut data) = gltf("", json!({ "mesh": 0 }));
+    for (name, value) in accessor.as_object().unwrap() {
+        json["accessors"][0][name] = value.clone();
+    }
+    for bytes in views {
+        let view = json!({ "buffer": 0, "byteOffset": data.len(), "byteLength": bytes.len() });
+        json["bufferViews"].as_array_mut().unwrap().push(view);
+        data.extend(bytes);
+    }
+    json["buffers"][0]["byteLength"] = json!(data.len());
+    let encoded = BASE64_STANDARD.encode(data);
+    json["buffers"][0]["uri"] = json!(format!("data:application/octet-stream;base64,{encoded}"));
+    json
+}
+
+fn sparse(count: usize) -> Value {
+    json!({
+        "count": count, "indices": { "bufferView": 2, "componentType": 5123 }, "values": { "bufferView": 3 },
+    })
+}
+
+/// Of little-endian floats.
+fn bytes(values: &[f32]) -> Vec<u8> {
+    values.iter().flat_map(|v| v.to_le_bytes()).collect()
+}
+
+#[test]
+fn sparse_accessors_and_those_without_data_are_read() {
+    let read = |json: &Value| parse_glb(json.to_string().as_bytes());
+    // Two corners moved, in glTF's axes.
+    let values = bytes(&[2.0, 0.0, 0.0, 0.0, 5.0, 0.0]);
+    let json = changed(json!({ "sparse": sparse(2) }), [&[1, 0, 3, 0], &values]);
+    let mesh = read(&json).unwrap();
+    let corners = [Vec3::ZERO, 2.0 * Vec3::X, 2.0 * Vec3::Y, 5.0 * Vec3::Z];
+    let expected: Vec<_> = FACES.map(|face| face.map(|i| corners[i as usize])).to_vec();
+    assert_eq!(triangles(&mesh), expected);
+
+    // All but the origin, over zeros.
+    let values = bytes(&[2.0, 0.0, 0.0, 0.0, 0.0, -2.0, 0.0, 5.0, 0.0]);
+    let places = [1, 0, 2, 0, 3, 0];
+    let mut json = changed(json!({ "sparse": sparse(3) }), [&places, &values]);
+    let accessor = json["accessors"][0].as_object_mut().unwrap();
+    accessor.remove("bufferView").unwrap();
+    assert_eq!(triangles(&read(&json).unwrap()), expected);
+
+    // Zeros alone are no shape, but normals that are computed instead.
+    json["accessors"][2] = json!({ "componentType": 5126, "count": 4, "type": "VEC3" });
+    json["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = json!(2);
+    assert_eq!(triangles(&read(&json).unwrap()), expected);
+    json["accessors"][0]
+        .as_object_mut()
+        .unwrap()
+        .remove("sparse");
+    let message = read(&json).unwrap_err().to_string();
+    assert!(message.contains("has no extent"), "{message}");
+}
+
+#[test]
+fn sparse_accessors_are_checked_as_others_are() {
+    let refused = |json: &Value| {
+        let error = parse_glb(json.to_string().as_bytes()).unwrap_err();
+        error.to_string()
+    };
+    let values = bytes(&[2.0, 0.0, 0.0, 0.0, 5.0, 0.0]);
+    for places in [[1, 0, 4, 0], [3, 0, 1, 0], [1, 0, 1, 0]] {
+        let json = changed(json!({ "sparse": sparse(2) }), [&places, &values]);
+        let message = refused(&json);
+        assert!(
+            message.contains("accessor 0 replaces elements that it does not have"),
+            "{message}"
+        );
+    }
+    for (places, values) in [(&[1, 0][..], &values[..]), (&[1, 0, 3, 0], &values[..20])] {
+        let message = refused(&changed(json!({ "sparse": sparse(2) }), [places, values]));
+        assert!(
+            message.contains("accessor 0 reaches beyond its buffer"),
+            "{message}"
+        );
+    }
+    let mut json = changed(json!({ "count": 4_000_000_000_000_u64 }), [&[0], &[0]]);
+    let accessor = json["accessors"][0].as_object_mut().unwrap();
+    accessor.remove("bufferView").unwrap();
+    let message = refused(&json);
+    assert!(
+        message.contains("has more than 67108864 values without data"),
+        "{message}"
+    );
+    // What else is missing still is.
+    json["bufferViews"][0]["buffer"] = json!(7);
+    assert!(refused(&json).contains("invalid glTF"));
+}
+
+#[test]
+fn colours_may_have_an_opacity() {
+    let colors = [0.1, 0.2, 0.3, 1.0, 0.4, 0.5, 0.6, 1.0];
+    let data = bytes(&[colors, colors].concat());
+    let mut json = changed(json!({}), [&data, &[0]]);
+    json["accessors"][2] =
+        json!({ "bufferView": 2, "componentType": 5126, "count": 4, "type": "VEC4" });
+    json["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = json!(2);
+    let (_, surface) = parse_surfaced_glb(json.to_string().as_bytes()).unwrap();
+    let MeshSurface::Vertices(materials) = surface else {
+        panic!("expected a material a vertex");
+    };
+    assert_eq!(materials[1].albedo, [0.4, 0.5, 0.6]);
+    assert_eq!(materials[2].albedo, [0.1, 0.2, 0.3]);
 }
 
 #[test]

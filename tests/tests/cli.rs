@@ -13,6 +13,7 @@ use eclipse::{
 use eclipse_tests::{
     perfect,
     program::{self, stderr, stdout, text},
+    skipped,
 };
 
 fn eclipse(arguments: &[&str]) -> Output {
@@ -217,7 +218,7 @@ fn bash_takes_its_completions_and_completes_with_them() {
         .args(["-c", script, "bash", text(&path)])
         .output();
     let Ok(completed) = bash else {
-        println!("skipped: no bash");
+        skipped("no bash");
         return;
     };
     assert_eq!(completed.status.code(), Some(0), "{}", stderr(&completed));

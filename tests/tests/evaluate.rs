@@ -435,4 +435,7 @@ fn a_capture_has_one_fingerprint_that_every_pixel_changes() {
     assert_eq!(fingerprint, checkpoint::fingerprint(&perfect::capture()));
     capture.frames[3].image.data[777] += 1e-6;
     assert_ne!(fingerprint, checkpoint::fingerprint(&capture));
+    let mut capture = perfect::capture();
+    capture.mesh.normals[5] = -capture.mesh.normals[5];
+    assert_ne!(fingerprint, checkpoint::fingerprint(&capture));
 }

@@ -19,6 +19,7 @@ use eclipse::{
 use eclipse_tests::{
     perfect,
     program::{self, stderr, stdout, text},
+    skipped,
 };
 use exr::prelude::{ReadChannels, ReadLayers, read};
 use glam::Vec3;
@@ -268,7 +269,7 @@ fn scenes_name_their_files_and_scripts_are_python() {
         .arg(&script)
         .output();
     match compiled {
-        Err(_) => println!("skipped: no python3"),
+        Err(_) => skipped("no python3"),
         Ok(output) => assert!(output.status.success(), "{}", stderr(&output)),
     }
 }

@@ -16,6 +16,7 @@ use eclipse::{
 use eclipse_tests::{
     perfect,
     program::{self, stderr, text},
+    skipped,
 };
 use glam::Vec3;
 use render::{image::Image, lat_long::LatLong};
@@ -57,7 +58,9 @@ fn blender_renders_the_same_picture_however_its_python_hashes() {
 fn check(program: Program, module: &str, script: &str, seeds: &[&str]) {
     let found = python(Path::new("."), &format!("import {module}"), "0");
     if !found.is_some_and(|output| output.status.success()) {
-        println!("skipped: no Python with `{module}`, which `pip install {module}` installs");
+        skipped(&format!(
+            "no Python with `{module}`, which `pip install {module}` installs"
+        ));
         return;
     }
     let (run, ours) = relit();
@@ -144,10 +147,9 @@ fn compare(theirs: &Image, ours: &Image) -> [f64; 2] {
     const SIDE: usize = 8;
     assert_eq!([theirs.width, theirs.height], [ours.width, ours.height]);
     let mut sums = [0.0; 3];
-    for (y, x) in (0..ours.height / SIDE).flat_map(|y| (0..ours.width / SIDE).map(move |x| (y, x))) {
-        let pixels = || {
-            (0..SIDE * SIDE).map(move |i| (SIDE * x + i % SIDE, SIDE * y + i / SIDE))
-        };
+    for (y, x) in (0..ours.height / SIDE).flat_map(|y| (0..ours.width / SIDE).map(move |x| (y, x)))
+    {
+        let pixels = || (0..SIDE * SIDE).map(move |i| (SIDE * x + i % SIDE, SIDE * y + i / SIDE));
         if pixels().any(|(x, y)| ours.pixel(x, y)[3] < 0.99) {
             continue;
         }

@@ -138,11 +138,12 @@ pub enum CaptureError {
     #[error("frame {frame:?}: {source}")]
     Image { frame: String, source: ImageIoError },
     /// An image of another size than declared, or than the others.
-    #[error("frame {frame:?}: {} has {}×{} pixels, but {expected} {}×{}; resize the image, or correct w and h", path.display(), found[0], found[1], wanted[0], wanted[1])]
+    #[error("frame {frame:?}: {} has {}×{} pixels{note}, but {expected} {}×{}; resize the image, or correct w and h", path.display(), found[0], found[1], wanted[0], wanted[1])]
     Size {
         frame: String,
         path: PathBuf,
         found: [usize; 2],
+        note: String,
         expected: &'static str,
         wanted: [usize; 2],
     },

@@ -1,10 +1,9 @@
 //! Photographs and masks: decoding in parallel, and what can be checked of each alone.
 
-use std::{
-    collections::HashSet,
-    ops::Range,
-    path::{Path, PathBuf},
-};
+mod masks;
+mod names;
+
+use std::{ops::Range, path::Path};
 
 use rayon::prelude::*;
 use render::image::Image;
@@ -17,7 +16,7 @@ use super::{
     pose::{camera, declared_size, rigid_pose},
     transforms::{Transforms, TransformsFrame},
 };
-use crate::image_io::{ColorEncoding, read_image, read_size, reduce, reduced_size};
+use crate::image_io::{ColorEncoding, read_image, read_size, read_turn, reduce, reduced_size};
 
 /// What is kept of a pixel of a photograph: three values of colour and one of coverage.
 const KEPT: usize = 4;
@@ -35,7 +34,7 @@ pub(super) fn load(
     reading: Reading,
 ) -> Result<Vec<Frame>, CaptureError> {
     let entries = &transforms.frames;
-    let names = names(json, entries)?;
+    let names = names::of(json, entries)?;
     let samples = samples((folder, json), entries, reading.1);
     check_samples(json, &samples)?;
     let at_once = reading.1.map_or(u64::MAX, |_| AT_ONCE);
@@ -149,7 +148,7 @@ fn load_frame(
             source,
         })
     };
-    let image = decode(&path, encoding)?;
+    let mut image = as_declared(decode(&path, encoding)?, &path, declared);
     let size = [image.width, image.height];
     let wanted = [
         declared[0].unwrap_or(size[0]),
@@ -157,7 +156,6 @@ fn load_frame(
     ];
     check_size(&name, &path, size, "`w` and `h` say", wanted)?;
     let camera = camera(at, transforms.projection(), &intrinsics, size, pose)?;
-    check_finite(&name, &path, &image)?;
     let (mask, mask_path) = match &entry.mask_path {
         Some(mask_path) => {
             let mask_path = folder.image(at, "mask_path", mask_path)?;
@@ -170,12 +168,19 @@ fn load_frame(
                 "the image has",
                 size,
             )?;
-            check_finite(&name, &mask_path, &mask)?;
-            (file_mask(&mask), mask_path)
+            refuse_not_finite(&name, &mask_path, &mask, |_| true)?;
+            (masks::of_file(&mask), mask_path)
         }
-        None if image.channels.is_multiple_of(2) => (channel(&image, image.channels - 1), path),
+        None if image.channels.is_multiple_of(2) => (masks::of_alpha(&image), path.clone()),
         None => return Err(CaptureError::NoMask { frame: name, path }),
     };
+    // Alpha that is not finite says neither.
+    let may_show = |pixel: usize| mask.data[pixel].is_nan() || mask.data[pixel] > 0.0;
+    refuse_not_finite(&name, &path, &image, may_show)?;
+    // Renderers leave such values where there is nothing: they are of no pixel that is used, and must not spread when averaged.
+    for value in image.data.iter_mut().filter(|value| !value.is_finite()) {
+        *value = 0.0;
+    }
     let small = max_size.map_or(size, |longest| reduced_size(size, longest));
     let reduced = |image: Image| match small == size {
         true => image,
@@ -208,45 +213,17 @@ fn load_frame(
     Ok((frame, size))
 }
 
-/// The frames' names: file names without extension or, where those repeat, paths with `_` between folders.
-fn names(json: &Path, entries: &[TransformsFrame]) -> Result<Vec<String>, CaptureError> {
-    let stem = |path: &Path| {
-        path.file_stem()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned()
-    };
-    let paths: Vec<PathBuf> = entries
-        .iter()
-        .map(|entry| PathBuf::from(entry.file_path.replace('\\', "/")))
-        .collect();
-    let distinct = |names: &[String]| {
-        let mut seen = HashSet::new();
-        names
-            .iter()
-            .position(|name| name.is_empty() || !seen.insert(name))
-    };
-    let short: Vec<String> = paths.iter().map(|path| stem(path)).collect();
-    if distinct(&short).is_none() {
-        return Ok(short);
+/// The photograph as its file says that it is shown, where that has the declared size and what is stored has not: some programs
+/// that find the cameras turn photographs, some do not.
+fn as_declared(stored: Image, path: &Path, declared: [Option<usize>; 2]) -> Image {
+    let [w, h] = declared;
+    let fits = |width, height| w.is_none_or(|w| w == width) && h.is_none_or(|h| h == height);
+    if fits(stored.width, stored.height) || !fits(stored.height, stored.width) {
+        return stored;
     }
-    let long: Vec<String> = paths
-        .iter()
-        .map(|path| {
-            let path = path.with_extension("");
-            let parts = path.components().filter_map(|part| match part {
-                std::path::Component::Normal(part) => Some(part.to_string_lossy().into_owned()),
-                _ => None,
-            });
-            parts.collect::<Vec<_>>().join("_")
-        })
-        .collect();
-    match distinct(&long) {
-        None => Ok(long),
-        Some(index) => Err(CaptureError::DuplicateFrame {
-            path: json.into(),
-            file_path: entries[index].file_path.clone(),
-        }),
+    match read_turn(path) {
+        Some(turn) => turn.shown(&stored),
+        None => stored,
     }
 }
 
@@ -260,10 +237,14 @@ fn check_size(
     if found == wanted {
         return Ok(());
     }
+    let note = read_turn(path).map_or(String::new(), |turn| {
+        format!(" and the EXIF orientation {}, which turns it", turn.exif())
+    });
     Err(CaptureError::Size {
         frame: frame.into(),
         path: path.into(),
         found,
+        note,
         expected,
         wanted,
     })
@@ -306,13 +287,20 @@ fn same_sizes(
     Ok(())
 }
 
-fn check_finite(frame: &str, path: &Path, image: &Image) -> Result<(), CaptureError> {
-    let bad = |pixel: &&[f32]| pixel.iter().any(|value| !value.is_finite());
-    let mut pixels = image.data.chunks_exact(image.channels);
-    let Some(first) = pixels.position(|pixel| bad(&pixel)) else {
+/// Refuses an image with values that are not finite in pixels that matter, by their number.
+fn refuse_not_finite(
+    frame: &str,
+    path: &Path,
+    image: &Image,
+    matters: impl Fn(usize) -> bool,
+) -> Result<(), CaptureError> {
+    let pixels = image.data.chunks_exact(image.channels).enumerate();
+    let mut bad = pixels
+        .filter(|(index, pixel)| pixel.iter().any(|value| !value.is_finite()) && matters(*index));
+    let Some((first, _)) = bad.next() else {
         return Ok(());
     };
-    let count = 1 + pixels.filter(bad).count();
+    let count = 1 + bad.count();
     let (column, row) = (first % image.width, first / image.width);
     Err(CaptureError::NotFinite {
         frame: frame.into(),
@@ -321,51 +309,6 @@ fn check_finite(frame: &str, path: &Path, image: &Image) -> Result<(), CaptureEr
         column,
         row,
     })
-}
-
-/// One channel, clamped to [0, 1].
-fn channel(image: &Image, index: usize) -> Image {
-    let data = image
-        .data
-        .iter()
-        .skip(index)
-        .step_by(image.channels)
-        .map(|value| value.clamp(0.0, 1.0))
-        .collect();
-    Image {
-        channels: 1,
-        data,
-        ..*image
-    }
-}
-
-/// The mask in a file of its own: its brightest colour times its alpha, so that white on black, white on nothing and
-/// coloured labels all work.
-fn file_mask(image: &Image) -> Image {
-    let colors = if image.channels.is_multiple_of(2) {
-        image.channels - 1
-    } else {
-        image.channels
-    };
-    let coverage = |pixel: &[f32]| {
-        let brightest = pixel[..colors].iter().copied().fold(0.0, f32::max);
-        let alpha = if colors < pixel.len() {
-            pixel[colors]
-        } else {
-            1.0
-        };
-        (brightest * alpha).clamp(0.0, 1.0)
-    };
-    let data = image
-        .data
-        .chunks_exact(image.channels)
-        .map(coverage)
-        .collect();
-    Image {
-        channels: 1,
-        data,
-        ..*image
-    }
 }
 
 #[cfg(test)]

@@ -8,6 +8,9 @@ use super::{CaptureError, error::At, transforms::Intrinsics};
 /// How far a rotation's columns may be from orthonormal before it is refused; below it they are made so.
 const TOLERANCE: f64 = 1e-3;
 
+/// How far the last row may be from 0, 0, 0, 1.
+const LAST_ROW: f64 = 1e-6;
+
 /// The camera-to-world matrix given by `rows`, made exactly rigid.
 pub(super) fn rigid_pose(at: At<'_>, rows: &[Vec<f64>]) -> Result<DMat4, CaptureError> {
     let fail = |problem: String| at.pose(problem);
@@ -25,7 +28,12 @@ pub(super) fn rigid_pose(at: At<'_>, rows: &[Vec<f64>]) -> Result<DMat4, Capture
     if rows.iter().flatten().any(|value| !value.is_finite()) {
         return Err(fail("holds numbers that are not finite".into()));
     }
-    if rows.len() == 4 && rows[3] != [0.0, 0.0, 0.0, 1.0] {
+    let last = rows.get(3).into_iter().flatten();
+    let off = last
+        .zip([0.0, 0.0, 0.0, 1.0])
+        .map(|(v, exact)| (v - exact).abs());
+    // Poses that were inverted or multiplied miss it by rounding errors.
+    if off.fold(0.0, f64::max) > LAST_ROW {
         return Err(fail(format!(
             "has the last row {:?} where [0, 0, 0, 1] is expected (is it transposed?)",
             rows[3]

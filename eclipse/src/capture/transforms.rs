@@ -6,7 +6,7 @@
 use std::path::Path;
 
 use render::camera::Projection;
-use serde::Deserialize;
+use serde::{Deserialize, de::IgnoredAny};
 
 use super::{CaptureError, error::At};
 use crate::{
@@ -148,11 +148,32 @@ pub struct Intrinsics {
 /// # Errors
 /// [`CaptureError`] names the file, and the field where one is at fault.
 pub fn read_transforms(path: &Path) -> Result<Transforms, CaptureError> {
-    let bytes = read_limited(path, MAX_TRANSFORMS).map_err(|source| CaptureError::Read {
+    parse_transforms(&read(path)?, path)
+}
+
+/// How many frames the file `path` lists, whatever they and their cameras are; none where it is empty.
+pub(super) fn count_frames(path: &Path) -> Result<usize, CaptureError> {
+    #[derive(Deserialize)]
+    struct Frames {
+        #[serde(default)]
+        frames: Vec<IgnoredAny>,
+    }
+    let bytes = read(path)?;
+    if bytes.trim_ascii().is_empty() {
+        return Ok(0);
+    }
+    let counted = json::parse::<Frames>(&bytes).map_err(|error| CaptureError::Json {
+        path: path.into(),
+        reason: error.to_string(),
+    })?;
+    Ok(counted.frames.len())
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, CaptureError> {
+    read_limited(path, MAX_TRANSFORMS).map_err(|source| CaptureError::Read {
         path: path.into(),
         source,
-    })?;
-    parse_transforms(&bytes, path)
+    })
 }
 
 /// Parses `transforms.json` and checks what needs no other file; `path` only names it in errors.

@@ -4,6 +4,8 @@ use super::{Array, Checkpoint, CheckpointError};
 
 const MAGIC: &[u8; 8] = b"ECLIPSE\0";
 const VERSION: u32 = 1;
+/// No format will ever have a higher version: it is damage that says so.
+const LAST_VERSION: u32 = 0xffff;
 const HEADER: usize = 8 + 4 + 8 + 8;
 
 /// The checkpoint as bytes; [`decode`] is the exact inverse.
@@ -47,26 +49,12 @@ pub fn encode(checkpoint: &Checkpoint) -> Vec<u8> {
 /// # Errors
 /// [`CheckpointError::Damaged`] for anything else, however hostile; [`CheckpointError::Version`] for other formats.
 pub fn decode(bytes: &[u8]) -> Result<Checkpoint, CheckpointError> {
-    let mut header = Reader { bytes, at: 0 };
-    if header.take(8)? != MAGIC {
-        return Err(damaged(0, "it does not start as a checkpoint does"));
-    }
-    let version = u32::from_le_bytes(header.array()?);
+    let version = header(bytes)?;
     if version != VERSION {
         return Err(CheckpointError::Version {
             found: version,
             expected: VERSION,
         });
-    }
-    let length = header.u64()?;
-    let checksum = header.u64()?;
-    let payload = &bytes[HEADER..];
-    if payload.len() as u64 != length {
-        let reason = format!("{length} bytes should follow, {} do", payload.len());
-        return Err(damaged(HEADER, reason));
-    }
-    if crc64(payload) != checksum {
-        return Err(damaged(HEADER, "the checksum does not match"));
     }
 
     let mut reader = Reader { bytes, at: HEADER };
@@ -109,6 +97,30 @@ pub fn decode(bytes: &[u8]) -> Result<Checkpoint, CheckpointError> {
         seconds,
         arrays,
     })
+}
+
+/// The version of a whole checkpoint. All versions begin alike, so that damage is told from a format of another program.
+fn header(bytes: &[u8]) -> Result<u32, CheckpointError> {
+    let mut header = Reader { bytes, at: 0 };
+    if header.take(8)? != MAGIC {
+        return Err(damaged(0, "it does not start as a checkpoint does"));
+    }
+    let at = header.at;
+    let version = u32::from_le_bytes(header.array()?);
+    if !(1..=LAST_VERSION).contains(&version) {
+        return Err(damaged(at, format!("no format has the version {version}")));
+    }
+    let length = header.u64()?;
+    let checksum = header.u64()?;
+    let payload = &bytes[HEADER..];
+    if payload.len() as u64 != length {
+        let reason = format!("{length} bytes should follow, {} do", payload.len());
+        return Err(damaged(HEADER, reason));
+    }
+    if crc64(payload) != checksum {
+        return Err(damaged(HEADER, "the checksum does not match"));
+    }
+    Ok(version)
 }
 
 fn put_bytes(payload: &mut Vec<u8>, bytes: &[u8]) {

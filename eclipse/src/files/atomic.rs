@@ -20,8 +20,7 @@ const RANDOM: usize = 6;
 /// # Errors
 /// Whatever `write` or the file system says; an earlier file of that name is untouched then.
 pub fn write(path: &Path, write: impl FnOnce(&mut File) -> io::Result<()>) -> io::Result<()> {
-    stage(path, write)?.persist(path)?;
-    Ok(())
+    persist(stage(path, write)?, path)
 }
 
 /// Writes a file next to `path` that takes its place with `persist`, and is removed when dropped.
@@ -37,6 +36,18 @@ pub fn stage(
     staged.as_file().sync_all()?;
     open_to_readers(staged.as_file())?;
     Ok(staged)
+}
+
+/// Gives a [`stage`]d file its place, and its folder's list of names to the disk: or a power cut might bring back what was there.
+///
+/// # Errors
+/// Whatever the file system says; an earlier file of that name is untouched then.
+pub fn persist(staged: NamedTempFile, path: &Path) -> io::Result<()> {
+    staged.persist(path)?;
+    // The file is whole and in its place by now: a file system that cannot do more for it is no error.
+    #[cfg(unix)]
+    let _ = File::open(folder_of(path)).and_then(|folder| folder.sync_all());
+    Ok(())
 }
 
 /// Makes a folder next to `path`, to be renamed to it; it is removed when dropped.

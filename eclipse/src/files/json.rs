@@ -32,6 +32,8 @@ impl std::error::Error for JsonError {}
 /// # Errors
 /// [`JsonError`] names the field: a line and a column alone are hard to find in a file without line breaks.
 pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, JsonError> {
+    // Editors on Windows mark UTF-8 by it.
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let mut text = serde_json::Deserializer::from_slice(bytes);
     let parsed = serde_path_to_error::deserialize(&mut text);
     let value = parsed.map_err(|error| {
@@ -107,6 +109,13 @@ mod tests {
         assert!(message.contains("expected a number at line 2"), "{message}");
         assert!(refused("[]").starts_with("invalid type"));
         assert!(refused("{} {}").starts_with("trailing characters"));
+    }
+
+    #[test]
+    fn a_mark_of_the_encoding_is_no_part_of_the_text() {
+        assert!(parse::<Table>(b"\xef\xbb\xbf{\"a\": [1]}").is_ok());
+        assert!(refused("\u{feff}{\"a\": [nan]}").contains("nan in line 1"));
+        assert!(parse::<Table>(b"\xef\xbb\xbf\xef\xbb\xbf{}").is_err());
     }
 
     #[test]

@@ -47,8 +47,10 @@ pub fn read_environment(
     options: &EnvironmentOptions,
 ) -> Result<EnvironmentMap, EnvironmentIoError> {
     let (image, named) = read(path)?;
-    // Files that name a convention are ours, and some layouts have other grids: Mitsuba's has rows at both poles.
-    if named.is_none() && image.width != 2 * image.height {
+    // Files that name a convention are ours, and some layouts have other grids.
+    let is_sphere = image.width == 2 * image.height
+        || options.convention == Some(Convention::Mitsuba) && has_pole_rows(&image);
+    if named.is_none() && !is_sphere {
         return Err(EnvironmentIoError::Shape {
             path: path.into(),
             width: image.width,
@@ -87,6 +89,13 @@ pub fn read_environment(
     let turn = Mat3::from_rotation_z(options.rotate.to_radians());
     let fine = convert(map.image(), convention, Convention::Blender, fine, turn);
     checked(parts.map_or_else(|| fine.clone(), |(_, parts)| mean_of_blocks(&fine, parts)))
+}
+
+/// Whether the map has the size of one with rows at both poles, as Mitsuba lays them out: a row more than half its columns, or, as
+/// we export them, than its columns.
+fn has_pole_rows(image: &Image) -> bool {
+    let Image { width, height, .. } = *image;
+    width.is_multiple_of(2) && (height == width / 2 + 1 || height == width + 1)
 }
 
 impl Rows {
@@ -264,6 +273,24 @@ mod tests {
         );
         let map = read_environment(&mitsuba, &EnvironmentOptions::default()).unwrap();
         assert_eq!([map.image().width, map.image().height], [16, 17]);
+
+        // Nor is the attribute needed where the user says as much; it gets lost in other programs.
+        for (height, is_read) in [(17, true), (9, true), (8, true), (18, false), (16, false)] {
+            let path = folder.path().join("plain.exr");
+            let map = Image::filled(16, height, 3, 0.5);
+            super::super::write_exr(&path, &map, &["R", "G", "B"]).unwrap();
+            let mut options = EnvironmentOptions {
+                convention: Some(Convention::Mitsuba),
+                ..Default::default()
+            };
+            assert_eq!(
+                read_environment(&path, &options).is_ok(),
+                is_read,
+                "{height}"
+            );
+            options.convention = Some(Convention::OpenExr);
+            assert_eq!(read_environment(&path, &options).is_ok(), height == 8);
+        }
     }
 
     #[test]

@@ -4,10 +4,14 @@
 
 mod color;
 mod environment;
+mod exr_colors;
 mod header;
+mod name;
 mod openexr;
+mod radiance;
 mod raster;
 mod reduce;
+mod turn;
 
 use std::{
     io::Write,
@@ -21,9 +25,11 @@ use crate::files::{atomic, read_limited};
 pub use color::{ColorEncoding, linear_to_srgb, srgb_to_linear};
 pub use environment::{EnvironmentIoError, EnvironmentOptions, Rows, read_environment};
 pub use header::{ImageSize, read_size};
+pub use name::{EXTENSIONS, stem};
 pub use openexr::{ExrFile, ExrOptions, Precision, decode_exr, encode_exr};
 pub use raster::{decode_raster, encode_png8};
 pub use reduce::{reduce, reduced_size};
+pub use turn::{Turn, read_turn};
 
 /// Widest or highest image that is read, in pixels.
 pub const MAX_SIDE: usize = 1 << 16;
@@ -58,12 +64,13 @@ pub fn decode_image(
     Ok(image)
 }
 
-/// Reads the colour of an OpenEXR file: `R G B`, with `A` as a fourth channel where there is one, or `Y` (and `A`).
+/// Reads the colour of an OpenEXR file: `R G B`, with `A` as a fourth channel where there is one, or `Y` (and `A`); of the first
+/// part that has it.
 pub fn read_exr(path: &Path) -> Result<Image, ImageIoError> {
     decode_exr(&read_bytes(path)?, path)?.color_image(path)
 }
 
-/// Reads an OpenEXR file whole: all channels with their names, and its text metadata.
+/// Reads the picture of an OpenEXR file whole: all channels of its part with their names, and the text metadata.
 pub fn read_exr_file(path: &Path) -> Result<ExrFile, ImageIoError> {
     decode_exr(&read_bytes(path)?, path)
 }
@@ -147,6 +154,14 @@ pub enum ImageIoError {
         path: PathBuf,
         /// What the decoder said.
         reason: String,
+    },
+    /// The file is good, but uses a part of its format that is not read.
+    #[error("{} {problem}; export it as a plain image with R, G, B (and A) for every pixel", path.display())]
+    Unsupported {
+        /// The file.
+        path: PathBuf,
+        /// What it uses.
+        problem: String,
     },
     /// The header declares a size beyond all use.
     #[error(

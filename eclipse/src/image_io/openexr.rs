@@ -7,6 +7,7 @@ use std::{
 };
 
 use exr::{
+    error::Error,
     meta::MetaData,
     prelude::{
         self as exr_image, AnyChannel, AnyChannels, AttributeValue, Compression, Encoding,
@@ -16,10 +17,13 @@ use exr::{
 };
 use render::image::Image;
 
-use super::{ImageIoError, check_size, header::ImageSize};
+use super::{ImageIoError, check_size, exr_colors::colors, header::ImageSize};
 
 /// The first bytes of every OpenEXR file.
 pub(super) const MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
+
+/// Channels of fewer values than the picture has pixels, as some programs keep colour beside brightness.
+const SUBSAMPLED: &str = "has subsampled channels, which are not supported";
 
 /// A display window of at most this many samples is read whatever part of it holds data: 256 MiB as floats.
 const SMALL_WINDOW: usize = 1 << 26;
@@ -27,7 +31,7 @@ const SMALL_WINDOW: usize = 1 << 26;
 /// window of gigabytes around one pixel is a trap.
 const LARGEST_MARGIN: usize = 16;
 
-/// The first layer of an OpenEXR file.
+/// The picture of an OpenEXR file: of several parts the first with channels of colour, or the first of all where none has any.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExrFile {
     /// All channels interleaved, over the display window (zero outside the data window).
@@ -64,7 +68,11 @@ impl ExrFile {
             .iter()
             .map(|name| self.channel_names.iter().position(|own| own == name))
             .collect();
-        let indices = indices?;
+        Some(self.at(&indices?))
+    }
+
+    /// The channels at these places, in that order.
+    fn at(&self, indices: &[usize]) -> Image {
         let Image {
             width,
             height,
@@ -75,42 +83,24 @@ impl ExrFile {
             .chunks_exact(*channels)
             .flat_map(|pixel| indices.iter().map(|&i| pixel[i]))
             .collect();
-        Some(Image {
+        Image {
             width: *width,
             height: *height,
             channels: indices.len(),
             data,
-        })
+        }
     }
 
-    /// The colour: RGB or Y, with alpha last where there is one. Channels of layers (`Combined.R`) count when no plain
-    /// ones exist, the first such layer in the alphabet.
+    /// The colour: RGB (or rgb) or Y, with alpha last where there is one. Channels of layers (`Combined.R`) count when no plain
+    /// ones exist: those of a layer `Combined`, else of the first layer in the alphabet.
     pub fn color_image(&self, path: &Path) -> Result<Image, ImageIoError> {
-        let layers = self
-            .channel_names
-            .iter()
-            .filter_map(|name| name.strip_suffix('R'));
-        for layer in [""].into_iter().chain(layers) {
-            for colors in [
-                &["R", "G", "B", "A"][..],
-                &["R", "G", "B"],
-                &["Y", "A"],
-                &["Y"],
-            ] {
-                let names: Vec<String> = colors
-                    .iter()
-                    .map(|color| format!("{layer}{color}"))
-                    .collect();
-                let names: Vec<&str> = names.iter().map(String::as_str).collect();
-                if let Some(image) = self.select(&names) {
-                    return Ok(image);
-                }
-            }
+        match colors(&self.channel_names) {
+            Some(places) => Ok(self.at(&places)),
+            None => Err(ImageIoError::Channels {
+                path: path.into(),
+                found: self.channel_names.join(", "),
+            }),
         }
-        Err(ImageIoError::Channels {
-            path: path.into(),
-            found: self.channel_names.join(", "),
-        })
     }
 }
 
@@ -120,7 +110,6 @@ pub fn decode_exr(bytes: &[u8], path: &Path) -> Result<ExrFile, ImageIoError> {
         path: path.into(),
         reason,
     };
-    let fail = |error: exr::error::Error| damaged(error.to_string());
     size(Cursor::new(bytes), path)?;
     let file = exr_image::read()
         .no_deep_data()
@@ -130,9 +119,11 @@ pub fn decode_exr(bytes: &[u8], path: &Path) -> Result<ExrFile, ImageIoError> {
         .all_attributes()
         .non_parallel()
         .from_buffered(Cursor::new(bytes))
-        .map_err(fail)?;
+        .map_err(|error| refused(error, path))?;
     let window = file.attributes.display_window;
-    let Some(layer) = file.layer_data.first() else {
+    let layers = &file.layer_data;
+    let with_colors = |layer: &&Layer<_>| colors(&names_of(layer)).is_some();
+    let Some(layer) = layers.iter().find(with_colors).or(layers.first()) else {
         return Err(damaged("it has no layer".into()));
     };
     let mut metadata = BTreeMap::new();
@@ -146,7 +137,7 @@ pub fn decode_exr(bytes: &[u8], path: &Path) -> Result<ExrFile, ImageIoError> {
     let mut image = Image::filled(window.size.0, window.size.1, channels.len(), 0.0);
     for (index, channel) in channels.iter().enumerate() {
         if channel.sample_data.len() != layer_width * layer_height {
-            return Err(damaged("subsampled channels are not supported".into()));
+            return Err(unsupported(SUBSAMPLED, path));
         }
         for (offset, value) in channel.sample_data.values_as_f32().enumerate() {
             let x = (offset % layer_width) as i64 + i64::from(layer.attributes.layer_position.0);
@@ -160,15 +151,43 @@ pub fn decode_exr(bytes: &[u8], path: &Path) -> Result<ExrFile, ImageIoError> {
             }
         }
     }
-    let channel_names = channels
-        .iter()
-        .map(|channel| channel.name.to_string())
-        .collect();
     Ok(ExrFile {
         image,
-        channel_names,
+        channel_names: names_of(layer),
         metadata,
     })
+}
+
+/// The names of a part's channels.
+fn names_of(layer: &Layer<AnyChannels<FlatSamples>>) -> Vec<String> {
+    let channels = layer.channel_data.list.iter();
+    channels.map(|channel| channel.name.to_string()).collect()
+}
+
+/// What the library says of a file, told apart: damage, and what it does not read.
+fn refused(error: Error, path: &Path) -> ImageIoError {
+    let message = error.to_string();
+    let subsampled = ["subsampling", "sampling factor not dividing"];
+    if subsampled.iter().any(|part| message.contains(part)) {
+        return unsupported(SUBSAMPLED, path);
+    }
+    match error {
+        Error::NotSupported(what) => {
+            let problem = format!("uses a part of OpenEXR that is not supported ({what})");
+            unsupported(&problem, path)
+        }
+        _ => ImageIoError::Decode {
+            path: path.into(),
+            reason: message,
+        },
+    }
+}
+
+fn unsupported(problem: &str, path: &Path) -> ImageIoError {
+    ImageIoError::Unsupported {
+        path: path.into(),
+        problem: problem.to_owned(),
+    }
 }
 
 /// The size of the image whose header `source` begins with, checked before anything is allocated for it.
@@ -177,8 +196,7 @@ pub(super) fn size(source: impl Read, path: &Path) -> Result<ImageSize, ImageIoE
         path: path.into(),
         reason,
     };
-    let meta =
-        MetaData::read_from_buffered(source, false).map_err(|error| damaged(error.to_string()))?;
+    let meta = MetaData::read_from_buffered(source, false).map_err(|error| refused(error, path))?;
     let (mut stored, mut shown) = (0_usize, 0);
     for header in &meta.headers {
         let channels = header.channels.list.len();

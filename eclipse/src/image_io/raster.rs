@@ -13,27 +13,32 @@ use render::image::Image;
 
 use super::{
     ColorEncoding, ImageIoError, MAX_SAMPLES, MAX_SIDE, check_size, color::decode_srgb,
-    header::ImageSize,
+    header::ImageSize, radiance,
 };
 
 /// Decodes a PNG, JPEG or Radiance HDR image to linear values with 1 to 4 channels; `path` only names it in errors.
 ///
-/// Integers map to [0, 1]. Without an `encoding`, integers are taken as sRGB and floats as linear.
+/// Integers map to [0, 1]; of Radiance the light is given before the file's exposure. Without an `encoding`, integers are taken as sRGB and floats as linear.
 pub fn decode_raster(
     bytes: &[u8],
     path: &Path,
     encoding: Option<ColorEncoding>,
 ) -> Result<Image, ImageIoError> {
     let (decoder, _) = checked_decoder(Cursor::new(bytes), path)?;
-    let decoded = DynamicImage::from_decoder(decoder).map_err(|error| ImageIoError::Decode {
+    let damaged = |reason: String| ImageIoError::Decode {
         path: path.into(),
-        reason: error.to_string(),
-    })?;
+        reason,
+    };
+    let decoded =
+        DynamicImage::from_decoder(decoder).map_err(|error| damaged(error.to_string()))?;
     let default = match decoded {
         DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_) => ColorEncoding::Linear,
         _ => ColorEncoding::Srgb,
     };
     let mut image = floats(decoded);
+    if bytes.starts_with(radiance::MAGIC) {
+        radiance::undo(&mut image, bytes).map_err(damaged)?;
+    }
     if encoding.unwrap_or(default) == ColorEncoding::Srgb {
         decode_srgb(&mut image);
     }
@@ -43,6 +48,12 @@ pub fn decode_raster(
 /// The size of the image whose header `source` begins with.
 pub(super) fn size(source: impl BufRead + Seek, path: &Path) -> Result<ImageSize, ImageIoError> {
     checked_decoder(source, path).map(|(_, size)| size)
+}
+
+/// The value of EXIF's `Orientation` in the image, 1 where it says nothing; `None` for what is no image.
+pub(super) fn orientation(bytes: &[u8], path: &Path) -> Option<u8> {
+    let (mut decoder, _) = checked_decoder(Cursor::new(bytes), path).ok()?;
+    Some(decoder.orientation().ok()?.to_exif())
 }
 
 /// A decoder that has read the header of an image and refused what is too large, and the size.

@@ -2,10 +2,21 @@
 
 use base64::{Engine, prelude::BASE64_STANDARD};
 use glam::{Mat3, Mat4, Vec2, Vec3};
-use gltf::{Document, Node, Primitive, Semantic, buffer, json::Root, mesh::Mode};
+use gltf::{
+    Document, Node, Primitive, Semantic, buffer,
+    json::{
+        Path, Root,
+        validation::{self, Validate},
+    },
+    mesh::Mode,
+};
 use render::mesh::Mesh;
 
-use super::{MAX_FILE, MeshParseError, gltf_accessor::Buffers, raw::RawMesh};
+use super::{
+    MAX_FILE, MeshParseError,
+    gltf_accessor::Buffers,
+    raw::{Origins, RawMesh},
+};
 
 /// Deepest nesting of nodes that is followed.
 const MAX_DEPTH: usize = 256;
@@ -18,6 +29,8 @@ const DISPENSABLE: [&str; 4] = [
 ];
 /// Positions, normals and texture coordinates as integers, which are read like floats.
 const QUANTIZATION: &str = "KHR_mesh_quantization";
+/// A mesh at many places, which the node that shows it lists.
+const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 
 /// Parses a self-contained glTF file, binary or JSON (buffers embedded as data URIs).
 pub fn parse_glb(bytes: &[u8]) -> Result<Mesh, MeshParseError> {
@@ -41,7 +54,7 @@ pub(super) fn nothing_else(uri: &str, _most: u64) -> Result<Vec<u8>, String> {
 /// them again and again.
 pub fn parse_gltf(bytes: &[u8], load: &mut Load<'_>) -> Result<Mesh, MeshParseError> {
     let (document, buffers) = open(bytes, load)?;
-    mesh_of(&document, buffers)
+    Ok(mesh_of(&document, buffers)?.0)
 }
 
 /// The checked document and its buffers.
@@ -52,6 +65,13 @@ pub(super) fn open(bytes: &[u8], load: &mut Load) -> Result<(Document, Buffers),
         let only_looks = DISPENSABLE.iter().any(|prefix| name.starts_with(prefix));
         !only_looks && name != QUANTIZATION
     });
+    // Whether it is required or not: the object is where its instances are.
+    if root.extensions_used.iter().any(|name| name == INSTANCING) {
+        return Err(MeshParseError::NotInPlace {
+            what: format!("has instances ({INSTANCING})"),
+            remedy: "make them real (in Blender: Object, Apply, Make Instances Real)",
+        });
+    }
     // Else the library would call a sound file invalid.
     if let Some(name) = root.extensions_required.first() {
         return Err(MeshParseError::Unsupported(format!("the extension {name}")));
@@ -64,13 +84,35 @@ pub(super) fn open(bytes: &[u8], load: &mut Load) -> Result<(Document, Buffers),
             "a mesh names accessor {index}, which does not exist"
         )));
     }
-    let document = Document::from_json(root).map_err(|error| syntax(error.to_string()))?;
+    validate(&root)?;
+    let document = Document::from_json_without_validation(root);
     let buffers = fetch_all(&document, blob, load, MAX_FILE)?;
     Ok((document, buffers))
 }
 
-/// The triangles of the default scene.
-pub(super) fn mesh_of(document: &Document, buffers: Buffers) -> Result<Mesh, MeshParseError> {
+/// The library's own checks, which take an accessor without data for an error: by the format it holds zeros.
+fn validate(root: &Root) -> Result<(), MeshParseError> {
+    let mut faults = Vec::new();
+    root.validate(root, Path::new, &mut |path, error| {
+        let path = path();
+        let no_data = error == validation::Error::Missing
+            && path.as_str().starts_with("accessors[")
+            && path.as_str().ends_with("].bufferView");
+        if !no_data {
+            faults.push(format!("{path}: {error}"));
+        }
+    });
+    match faults.is_empty() {
+        true => Ok(()),
+        false => Err(syntax(format!("invalid glTF: {}", faults.join("; ")))),
+    }
+}
+
+/// The triangles of the default scene, and which vertices of its primitives they have.
+pub(super) fn mesh_of(
+    document: &Document,
+    buffers: Buffers,
+) -> Result<(Mesh, Origins), MeshParseError> {
     let mut reader = Reader {
         buffers,
         visited: vec![false; document.nodes().count()],
@@ -99,7 +141,7 @@ pub(super) fn mesh_of(document: &Document, buffers: Buffers) -> Result<Mesh, Mes
     if no_uvs {
         raw.uvs.clear();
     }
-    raw.finish()
+    raw.finish_with_origins()
 }
 
 pub(super) fn syntax(reason: String) -> MeshParseError {
@@ -247,6 +289,12 @@ impl Reader {
                 node.index()
             )));
         }
+        if node.mesh().is_some() && node.skin().is_some() {
+            return Err(MeshParseError::NotInPlace {
+                what: format!("is moved by bones (its node {} has a skin)", node.index()),
+                remedy: "apply the pose (in Blender: Object, Convert, Mesh)",
+            });
+        }
         let world = parent * Mat4::from_cols_array_2d(&node.transform().matrix());
         for primitive in node.mesh().iter().flat_map(|mesh| mesh.primitives()) {
             self.primitive(&primitive, world, bare)?;
@@ -292,24 +340,22 @@ impl Reader {
             Some(accessor) => self.buffers.indices(&accessor)?,
             None => (0..count as u32).collect(),
         };
-        let normals = primitive
-            .get(&Semantic::Normals)
-            .map(|accessor| self.buffers.floats::<3>(&accessor))
-            .transpose()?;
-        let uvs = primitive
-            .get(&Semantic::TexCoords(0))
-            .map(|accessor| self.buffers.floats::<2>(&accessor))
-            .transpose()?;
-        for other in [normals.as_ref().map(Vec::len), uvs.as_ref().map(Vec::len)]
-            .into_iter()
-            .flatten()
-        {
+        let normals = primitive.get(&Semantic::Normals);
+        let uvs = primitive.get(&Semantic::TexCoords(0));
+        for other in [&normals, &uvs].into_iter().flatten() {
+            let other = other.count();
             if other != count {
                 return Err(syntax(format!(
                     "a mesh has {count} positions but {other} normals or texture coordinates"
                 )));
             }
         }
+        let normals = normals
+            .map(|accessor| self.buffers.floats::<3>(&accessor))
+            .transpose()?;
+        let uvs = uvs
+            .map(|accessor| self.buffers.floats::<2>(&accessor))
+            .transpose()?;
         let linear = Mat3::from_mat4(world);
         // The cofactor matrix: the inverse transpose up to a positive scale, and defined for singular transforms too.
         let cofactor = Mat3::from_cols(

@@ -79,19 +79,21 @@ pub fn parse_surfaced_glb(bytes: &[u8]) -> Result<(Mesh, MeshSurface), MeshParse
     let (document, buffers) = open(bytes, &mut nothing_else)?;
     check_images(&document)?;
     let surface = surface_of(&document, &buffers)?;
-    let mesh = mesh_of(&document, buffers)?;
-    match &surface {
-        MeshSurface::Vertices(materials) if materials.len() != mesh.positions.len() => {
-            Err(syntax(format!(
-                "it has {} materials for {} vertices",
-                materials.len(),
-                mesh.positions.len()
-            )))
+    let (mesh, origins) = mesh_of(&document, buffers)?;
+    match surface {
+        MeshSurface::Vertices(materials) if materials.len() != origins.all => Err(syntax(format!(
+            "it has {} materials for {} vertices",
+            materials.len(),
+            origins.all
+        ))),
+        MeshSurface::Vertices(materials) => {
+            let kept = origins.kept.iter().map(|&v| materials[v as usize]);
+            Ok((mesh, MeshSurface::Vertices(kept.collect())))
         }
         MeshSurface::Maps(_) if mesh.uvs.is_empty() => Err(MeshParseError::NoMaterials(
             "it has textures without usable texture coordinates",
         )),
-        _ => Ok((mesh, surface)),
+        surface => Ok((mesh, surface)),
     }
 }
 
@@ -127,7 +129,7 @@ fn surface_of(document: &Document, buffers: &Buffers) -> Result<MeshSurface, Mes
             "neither textures nor vertex colours",
         ));
     };
-    let albedo = buffers.floats::<3>(&colors)?;
+    let albedo = buffers.colors(&colors)?;
     let scalars = |name: &str, default: f32| match primitive.get(&Semantic::Extras(name.to_owned()))
     {
         Some(accessor) => buffers.floats::<1>(&accessor),
@@ -270,6 +272,26 @@ mod tests {
         assert_eq!(materials[1].albedo, [0.4, 0.5, 0.6]);
         assert!((materials[1].alpha - 0.36).abs() < 1e-6);
         assert_eq!(materials[2].kappa, 0.08);
+    }
+
+    #[test]
+    fn materials_stay_with_their_vertices_where_some_are_of_no_face() {
+        let mut mesh = triangle();
+        mesh.positions.insert(1, Vec3::splat(9.0));
+        mesh.uvs.insert(1, Vec2::ONE);
+        mesh.faces = vec![[0, 2, 3]];
+        let surface = GlbSurface {
+            vertex_colors: Some(&[[0.1; 3], [0.9; 3], [0.2; 3], [0.3; 3]]),
+            ..Default::default()
+        };
+        let bytes = encode_glb(&mesh, &surface).unwrap();
+        let (mesh, MeshSurface::Vertices(materials)) = parse_surfaced_glb(&bytes).unwrap() else {
+            panic!("expected a material a vertex");
+        };
+        assert_eq!(mesh.positions, triangle().positions);
+        assert_eq!(mesh.uvs, triangle().uvs);
+        let albedos: Vec<f32> = materials.iter().map(|m| m.albedo[0]).collect();
+        assert_eq!(albedos, [0.1, 0.2, 0.3]);
     }
 
     #[test]

@@ -180,6 +180,14 @@ pub enum MeshParseError {
     /// The file uses a part of the format that is not supported.
     #[error("uses {0}, which is not supported; export it without")]
     Unsupported(String),
+    /// The shape is where something else puts it, which is not computed here.
+    #[error("{what}, which is not supported: {remedy}, and export it again")]
+    NotInPlace {
+        /// What is so, as `has ...`.
+        what: String,
+        /// What to do.
+        remedy: &'static str,
+    },
     /// More than is read.
     #[error(
         "has more than {most} {what}, the most that is read; export only the object, or simplify it"

@@ -16,16 +16,15 @@ pub fn parse_obj(bytes: &[u8]) -> Result<Mesh, MeshParseError> {
         let syntax =
             |reason: String| MeshParseError::Syntax(format!("line {}: {reason}", number + 1));
         let mut joined = String::new();
-        let mut line = line;
-        // A backslash at the end continues a line.
+        let mut line = without_comment(line);
+        // A backslash at the end continues a line, but not a comment: that may be the path of a folder.
         while let Some(start) = line.trim_end().strip_suffix('\\') {
             joined.push_str(start);
             joined.push(' ');
-            line = lines.next().map_or("", |(_, next)| next);
+            line = lines.next().map_or("", |(_, next)| without_comment(next));
         }
         joined.push_str(line);
-        let content = joined.split('#').next().unwrap_or_default();
-        let mut words = content.split_whitespace();
+        let mut words = joined.split_whitespace();
         match words.next() {
             Some("v") => obj
                 .positions
@@ -49,6 +48,10 @@ pub fn parse_obj(bytes: &[u8]) -> Result<Mesh, MeshParseError> {
         return Err(MeshParseError::NoFaces { vertices });
     }
     obj.raw.finish()
+}
+
+fn without_comment(line: &str) -> &str {
+    line.split('#').next().unwrap_or_default()
 }
 
 /// The first `N` words as numbers. NaN and infinity pass: the mesh's check counts them.

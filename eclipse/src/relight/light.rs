@@ -14,10 +14,8 @@ use render::{
 };
 
 use super::{RelightError, View};
-use crate::image_io::{EnvironmentIoError, EnvironmentOptions, read_environment};
+use crate::image_io::{EXTENSIONS, EnvironmentIoError, EnvironmentOptions, read_environment};
 
-/// What maps are looked for as.
-const EXTENSIONS: [&str; 5] = ["exr", "hdr", "png", "jpg", "jpeg"];
 /// Where Stanford-ORB keeps the maps of a scene's views.
 const BENCHMARK: &str = "env_map";
 /// How maps in a camera's axes are laid out where nobody says otherwise: so are Stanford-ORB's.

@@ -8,10 +8,7 @@ use std::{
 use render::camera::Camera;
 
 use super::RelightError;
-use crate::capture::read_described;
-
-/// Endings of a `file_path` that are of an image; others belong to the name.
-const EXTENSIONS: [&str; 5] = ["exr", "hdr", "png", "jpg", "jpeg"];
+use crate::{capture::read_described, image_io::stem};
 
 /// A picture to be made.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,11 +48,12 @@ pub fn frame_names(path: &Path, allow_outside: bool) -> Result<Vec<String>, Reli
         let elsewhere = || "is no path of plain folder and file names".to_owned();
         let checked =
             |field, name: &str| plain(name).ok_or_else(|| wrong(field, name, elsewhere()));
-        let own = stem(&checked("file_path", file)?);
+        let own = checked("file_path", file)?;
+        let own = stem(&own);
         let name = match &frame.scene_name {
-            None => own,
+            None => own.to_owned(),
             Some(scene) => {
-                let name = own.rsplit('/').next().unwrap_or(&own);
+                let name = own.rsplit('/').next().unwrap_or(own);
                 format!("{}/{name}", checked("scene_name", scene)?)
             }
         };
@@ -82,15 +80,6 @@ pub(super) fn plain(name: &str) -> Option<String> {
     }
     let control = parts.iter().any(|part| part.contains(char::is_control));
     (!parts.is_empty() && !control).then(|| parts.join("/"))
-}
-
-/// A file's path without the extension of an image.
-fn stem(path: &str) -> String {
-    let split = path.rsplit_once('.');
-    match split.filter(|(_, end)| EXTENSIONS.contains(&&*end.to_ascii_lowercase())) {
-        Some((stem, _)) if !stem.is_empty() && !stem.ends_with('/') => stem.to_owned(),
-        _ => path.to_owned(),
-    }
 }
 
 #[cfg(test)]

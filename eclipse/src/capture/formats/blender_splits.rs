@@ -3,7 +3,11 @@
 //! The training photographs are the capture; the others are counted and left for whoever wants to test.
 
 use super::{Format, Source, source};
-use crate::capture::{CaptureError, paths::Folder, transforms::read_transforms};
+use crate::capture::{
+    CaptureError,
+    paths::Folder,
+    transforms::{count_frames, read_transforms},
+};
 
 pub(super) const FORMAT: Format = Format {
     name: "Blender's splits",
@@ -23,12 +27,12 @@ fn read(folder: &Folder) -> Option<Result<Source, CaptureError>> {
     })
 }
 
-/// How many frames these files have, as far as they are there.
+/// How many frames these files have, as far as they are there: nothing else of them is used, so that nothing else must be right.
 pub(super) fn frames_of(folder: &Folder, splits: [&str; 2]) -> Result<usize, CaptureError> {
     let paths = splits.map(|split| folder.path().join(split)).into_iter();
     let counts = paths.filter(|path| path.exists()).map(|path| {
         folder.check_own(&path)?;
-        Ok(read_transforms(&path)?.frames.len())
+        count_frames(&path)
     });
     counts.sum()
 }

@@ -1,12 +1,15 @@
 //! One `transforms.json`, as Blender/NeRF and nerfstudio write it; nerfstudio's splits keep frames for training.
 
-use std::{collections::HashSet, path::Path};
+use std::{
+    collections::HashSet,
+    path::{Component, Path, PathBuf},
+};
 
 use super::{Format, Source, source};
 use crate::capture::{
     CaptureError,
     paths::Folder,
-    transforms::{Transforms, read_transforms},
+    transforms::{Transforms, TransformsFrame, read_transforms},
 };
 
 pub(super) const FORMAT: Format = Format {
@@ -34,51 +37,44 @@ fn read(folder: &Folder) -> Option<Result<Source, CaptureError>> {
 
 /// Leaves the frames of `train_filenames`; without that, those of no other split.
 fn training(mut transforms: Transforms, path: &Path) -> Result<Transforms, CaptureError> {
-    let known: HashSet<&str> = transforms
-        .frames
-        .iter()
-        .map(|frame| frame.file_path.as_str())
-        .collect();
-    let splits = [
-        ("train_filenames", &transforms.train_filenames),
-        ("val_filenames", &transforms.val_filenames),
-        ("test_filenames", &transforms.test_filenames),
-    ];
-    for (field, names) in splits {
-        let stray = names
-            .iter()
-            .flatten()
-            .find(|name| !known.contains(name.as_str()));
-        if let Some(name) = stray {
-            return Err(CaptureError::Split {
-                path: path.into(),
-                field,
-                name: name.clone(),
-            });
+    let own = |frame: &TransformsFrame| plain(&frame.file_path);
+    let known: HashSet<PathBuf> = transforms.frames.iter().map(own).collect();
+    let split = |field: &'static str, names: &Option<Vec<String>>| {
+        let mut split = HashSet::new();
+        for name in names.iter().flatten() {
+            let plain = plain(name);
+            if !known.contains(&plain) {
+                return Err(CaptureError::Split {
+                    path: path.into(),
+                    field,
+                    name: name.clone(),
+                });
+            }
+            split.insert(plain);
         }
-    }
-    let set = |names: &Option<Vec<String>>| -> HashSet<String> {
-        names.iter().flatten().cloned().collect()
+        Ok(split)
     };
-    match &transforms.train_filenames {
-        Some(names) => {
-            let kept: HashSet<String> = names.iter().cloned().collect();
-            transforms
-                .frames
-                .retain(|frame| kept.contains(&frame.file_path));
+    let train = split("train_filenames", &transforms.train_filenames)?;
+    let val = split("val_filenames", &transforms.val_filenames)?;
+    let test = split("test_filenames", &transforms.test_filenames)?;
+    let all_others = transforms.train_filenames.is_none();
+    transforms.frames.retain(|frame| {
+        let own = own(frame);
+        match all_others {
+            true => !val.contains(&own) && !test.contains(&own),
+            false => train.contains(&own),
         }
-        None => {
-            let (val, test) = (
-                set(&transforms.val_filenames),
-                set(&transforms.test_filenames),
-            );
-            transforms.frames.retain(|frame| {
-                !val.contains(&frame.file_path) && !test.contains(&frame.file_path)
-            });
-        }
-    }
+    });
     if transforms.frames.is_empty() {
         return Err(CaptureError::NoTraining { path: path.into() });
     }
     Ok(transforms)
+}
+
+/// A path without needless dots: `./images/a.png` and `images/a.png` are one file.
+fn plain(name: &str) -> PathBuf {
+    // Files made on Windows may carry its separators.
+    let name = name.replace('\\', "/");
+    let parts = Path::new(&name).components();
+    parts.filter(|part| *part != Component::CurDir).collect()
 }

@@ -4,7 +4,10 @@
 use std::path::Path;
 
 use super::{Format, Source, blender_splits::frames_of, source};
-use crate::capture::{CaptureError, paths::Folder, transforms::read_transforms};
+use crate::{
+    capture::{CaptureError, paths::Folder, transforms::read_transforms},
+    image_io::stem,
+};
 
 pub(super) const FORMAT: Format = Format {
     name: "Stanford-ORB",
@@ -34,8 +37,24 @@ fn read(folder: &Folder) -> Option<Result<Source, CaptureError>> {
 /// `train/0003` has its mask in `train_mask/0003.png`.
 fn mask_path(file_path: &str) -> String {
     let path = file_path.replace('\\', "/");
-    let path = Path::new(&path);
+    let path = Path::new(stem(&path));
     let folder = path.parent().unwrap_or(Path::new("")).to_string_lossy();
-    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    format!("{folder}_mask/{stem}.png")
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    format!("{folder}_mask/{name}.png")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mask_has_the_whole_name_of_its_photograph() {
+        for (photograph, mask) in [
+            ("train/0003", "train_mask/0003.png"),
+            ("./train/0003.exr", "./train_mask/0003.png"),
+            ("train\\view.001", "train_mask/view.001.png"),
+        ] {
+            assert_eq!(mask_path(photograph), mask);
+        }
+    }
 }

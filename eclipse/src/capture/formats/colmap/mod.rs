@@ -25,6 +25,7 @@ use crate::{
         transforms::{Intrinsics, Transforms, TransformsFrame},
     },
     files::read_limited,
+    image_io::stem,
 };
 
 pub(super) const FORMAT: Format = Format {
@@ -143,11 +144,10 @@ fn locate(folder: &Folder, path: &Path, frame: &mut TransformsFrame) -> Result<(
     let at = At { path, frame: &name };
     folder.image(at, "NAME", &frame.file_path)?;
     if folder.path().join("masks").is_dir() {
-        let own = Path::new(&name).with_extension("");
         let masks = [
             format!("masks/{name}.png"),
             format!("masks/{name}"),
-            format!("masks/{}", own.display()),
+            format!("masks/{}", stem(&name)),
         ];
         let mask = masks.iter().find(|mask| folder.has_image(mask));
         // Masks of some photographs only are an oversight: the error names the file that COLMAP would look for.

@@ -1,0 +1,105 @@
+//! From what an image file holds to coverage by the object.
+
+use render::image::Image;
+
+/// The highest number of a label that is taken for one, where a mask has nothing brighter.
+const LAST_LABEL: f32 = 8.0;
+/// Steps from black to white in files of 8 and of 16 bits.
+const STEPS: [f32; 2] = [255.0, 65535.0];
+
+/// The mask in a photograph's own alpha, its last channel; NaN where that is not finite.
+pub(super) fn of_alpha(image: &Image) -> Image {
+    let alphas = image.data.iter().skip(image.channels - 1);
+    let data = alphas
+        .step_by(image.channels)
+        .map(|alpha| match alpha.is_finite() {
+            true => alpha.clamp(0.0, 1.0),
+            false => f32::NAN,
+        });
+    Image {
+        channels: 1,
+        data: data.collect(),
+        ..*image
+    }
+}
+
+/// The mask in a file of its own: its brightest colour times its alpha, so that white on black, white on nothing and
+/// coloured labels all work. Of a file of small numbers, as programs that tell things apart count them, all but 0 is the object.
+pub(super) fn of_file(image: &Image) -> Image {
+    let colors = if image.channels.is_multiple_of(2) {
+        image.channels - 1
+    } else {
+        image.channels
+    };
+    let coverage = |pixel: &[f32]| {
+        let brightest = pixel[..colors].iter().copied().fold(0.0, f32::max);
+        let alpha = if colors < pixel.len() {
+            pixel[colors]
+        } else {
+            1.0
+        };
+        (brightest * alpha).clamp(0.0, 1.0)
+    };
+    let mut data: Vec<f32> = image
+        .data
+        .chunks_exact(image.channels)
+        .map(coverage)
+        .collect();
+    if are_labels(&data) {
+        data.iter_mut().for_each(|value| *value = value.ceil());
+    }
+    Image {
+        channels: 1,
+        data,
+        ..*image
+    }
+}
+
+/// Whether all values are small whole numbers of steps: as coverage they would be an empty mask.
+fn are_labels(values: &[f32]) -> bool {
+    STEPS.into_iter().any(|steps| {
+        values.iter().all(|value| {
+            let label = value * steps;
+            label < LAST_LABEL + 0.5 && (label - label.round()).abs() < 1e-3
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(channels: usize, values: &[f32]) -> Vec<f32> {
+        let image = Image {
+            width: values.len() / channels,
+            height: 1,
+            channels,
+            data: values.to_vec(),
+        };
+        of_file(&image).data
+    }
+
+    #[test]
+    fn small_numbers_are_labels() {
+        for steps in STEPS {
+            let labels = [0.0, 1.0, 3.0, 8.0].map(|label| label / steps);
+            assert_eq!(of(1, &labels), [0.0, 1.0, 1.0, 1.0], "{steps}");
+        }
+        let coloured = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0].map(|label| label / 255.0);
+        assert_eq!(of(3, &coloured), [1.0, 0.0]);
+        assert_eq!(of(1, &[0.0, 0.0]), [0.0, 0.0]);
+    }
+
+    #[test]
+    fn other_values_are_coverage() {
+        for values in [
+            [0.0, 1.0 / 255.0, 1.0],
+            [0.0, 0.5, 0.25],
+            [0.0, 9.0 / 255.0, 0.0],
+            [0.0, 0.002, 0.003],
+        ] {
+            assert_eq!(of(1, &values), values);
+        }
+        assert_eq!(of(4, &[1.0, 0.5, 0.0, 0.5, 0.0, 0.0, 0.0, 1.0]), [0.5, 0.0]);
+    }
+}
