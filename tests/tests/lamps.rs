@@ -16,6 +16,7 @@ use eclipse::{
         effects,
         fit::Fit,
         light::Light,
+        locate,
         study::Study,
     },
     image_io::write_png8,
@@ -260,6 +261,22 @@ fn nulls_change_no_bit_under_lamps() {
     ] {
         assert!(told.contains(&id), "{id} of {told:?}");
     }
+}
+
+/// A lamp is its frame's own: every frame takes part, and may be where the photographs differ whatever is in the model.
+#[test]
+fn no_frame_is_sealed_under_known_lamps() {
+    let gain = |t: usize| if t == 3 { 1.3 } else { 1.0 };
+    let capture = lit_ball::capture(&lamps(), &lamps(), |t, _, light| light.map(|v| gain(t) * v));
+    let study = Study::new(&capture, &simulation(&capture), 500, 20, 3).unwrap();
+    assert!(!study.seals_frames());
+    let mut fit = Fit::start(&study).unwrap();
+    fit.add(effects::by_id("exposure_drift").unwrap(), Vec::new());
+    fit.relink(&study).unwrap();
+    fit.evaluate(&study).unwrap();
+    assert!(!fit.is_shared());
+    let spots = locate::hot_spots(&study, &fit, 12);
+    assert_eq!(spots.first().map(|spot| spot.frame), Some(3));
 }
 
 fn diagnosed(capture: &Capture) -> Outcome<'_> {

@@ -5,7 +5,6 @@ use serde::Serialize;
 use super::{
     fit::Fit,
     neighbours::{self, shared},
-    split::frame_sealed,
     statistics::{discoveries, normal_tail},
     study::Study,
 };
@@ -49,7 +48,7 @@ pub fn hot_spots(study: &Study<'_>, fit: &Fit, most: usize) -> Vec<HotSpot> {
     let patches = study.seen.patches;
     let scale = fit.inflation;
     let all_known = fit.is_shared();
-    let known = |frame: u32| all_known || !frame_sealed(frame, study.seen.frames);
+    let known = |frame: u32| all_known || !study.frame_is_sealed(frame);
     // Mean over the colours and the views of each (frame, patch).
     let mut cells: Vec<(f64, f64, f64, Vec<usize>)> =
         vec![(0.0, 0.0, 0.0, Vec::new()); patches * study.seen.frames];

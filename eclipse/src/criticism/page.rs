@@ -10,7 +10,6 @@ use super::{
     effects, film, maps,
     plot::{self, picture},
     silhouette,
-    split::frame_sealed,
 };
 use crate::{
     files::atomic,
@@ -98,7 +97,7 @@ fn html(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, PageErro
          <title>Diagnosis of {title}</title>\n<style>{style}</style></head><body>\n<h1>{title}: {verdict}</h1>\n\
          <p class=\"sentence\">{sentence}</p>\n{exponent}{found}{film}{pictures}{spots}{ranking}{refits}{axes}{assumed}{others}\
          <footer>Written by eclipse {version}. Gains are reductions of squared error in units of the noise's variance. Sealed data: \
-         one patch of surface and one frame in seven, seen by no fit.</footer></body></html>\n",
+         {sealed}, seen by no fit.</footer></body></html>\n",
         title = escaped(&name),
         style = include_str!("page.css"),
         sentence = escaped(&d.sentence),
@@ -113,6 +112,11 @@ fn html(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, PageErro
         assumed = assumed(d),
         others = others(d),
         version = env!("CARGO_PKG_VERSION"),
+        sealed = if outcome.study.seals_frames() {
+            "one patch of surface and one frame in seven"
+        } else {
+            "one patch of surface in seven, in all frames"
+        },
     ))
 }
 
@@ -206,8 +210,7 @@ fn pictures(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, Page
             picture(&maps.significance[0], |p| diverging(p[0] / RANGE))?,
             picture(&maps.significance[1], |p| diverging(p[0] / RANGE))?,
         ];
-        let unknown =
-            !outcome.after.is_shared() && frame_sealed(t as u32, outcome.study.seen.frames);
+        let unknown = !outcome.after.is_shared() && outcome.study.frame_is_sealed(t as u32);
         let remark = if unknown {
             "<br><small>sealed: what the effects do in this frame alone was not fitted</small>"
         } else {
