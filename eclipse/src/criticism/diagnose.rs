@@ -14,6 +14,7 @@ use super::{
     refit::{self, Round},
     score::{Screen, screen},
     sealed::{Judge, Noise},
+    sentence::sentence,
     silhouette::Silhouettes,
     simulation::Simulation,
     study::{Study, StudyError},
@@ -244,7 +245,7 @@ pub fn diagnose<'a>(
         axes,
         seconds,
     };
-    diagnosis.sentence = verdict::sentence(&diagnosis);
+    diagnosis.sentence = sentence(&diagnosis);
     diagnosis.shared_exponent = shared_exponent(&diagnosis.effects);
     Ok(Outcome {
         diagnosis,

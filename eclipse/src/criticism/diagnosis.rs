@@ -55,7 +55,7 @@ pub struct Finding {
 #[cfg(test)]
 impl Finding {
     /// One whose numbers do not matter, for tests of what is told.
-    pub(super) fn example(id: &'static str, ambiguous_with: Vec<&'static str>) -> Self {
+    pub(crate) fn example(id: &'static str, ambiguous_with: Vec<&'static str>) -> Self {
         Self {
             id,
             parameters: BTreeMap::new(),
@@ -200,4 +200,38 @@ pub struct Diagnosis {
     pub axes: Vec<Axis>,
     /// Seconds each part took.
     pub seconds: BTreeMap<String, f64>,
+}
+
+#[cfg(test)]
+impl Diagnosis {
+    /// One with this outcome, for tests of what is told.
+    pub(crate) fn example(verdict: Verdict, effects: Vec<Finding>) -> Self {
+        Self {
+            verdict,
+            effects,
+            shared_exponent: None,
+            occluders: None,
+            looks_like: None,
+            ranking: Vec::new(),
+            sealed: Sealed {
+                chi2_before: 3.0,
+                chi2_after: 1.1,
+                rmse_before: 0.03,
+                rmse_after: 0.01,
+            },
+            unexplained_fraction: 0.05,
+            hot_spots: Vec::new(),
+            hot_spots_after: Vec::new(),
+            sentence: String::new(),
+            refits: Vec::new(),
+            baselines: BTreeMap::new(),
+            moved: BTreeMap::new(),
+            command: None,
+            assumptions: Vec::new(),
+            structured: [2.0, 0.1],
+            background: [0.0; 2],
+            axes: Vec::new(),
+            seconds: BTreeMap::new(),
+        }
+    }
 }

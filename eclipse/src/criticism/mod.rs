@@ -40,6 +40,7 @@ pub mod scatter;
 pub mod scene;
 pub mod score;
 pub mod sealed;
+pub mod sentence;
 pub mod shadow_edges;
 pub mod silhouette;
 pub mod simulation;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::{Diagnosis, Verdict, effects, oracle::Yardstick};
+use super::{Diagnosis, Verdict, diagnosis::Finding, effects, oracle::Yardstick};
 
 /// Identifier of an effect that no table knows.
 pub const OUTSIDE: &str = "outside";
@@ -28,6 +28,9 @@ pub struct Case {
     pub found: Vec<String>,
     /// What the first finding is ambiguous with.
     pub ambiguous_with: Vec<String>,
+    /// What each of the others is ambiguous with, where that is anything.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub others_ambiguous_with: BTreeMap<String, Vec<String>>,
     /// The physics that ranks first in the first screening.
     pub first: String,
     /// Its gain and standard error.
@@ -52,14 +55,20 @@ impl Case {
     /// Of a diagnosis.
     pub fn new(capture: &str, truth: &[String], d: &Diagnosis, measure: Option<Yardstick>) -> Self {
         let physics = d.ranking.iter().find(|r| !r.capacity);
+        let owned = |f: &Finding| -> Vec<String> {
+            f.ambiguous_with.iter().map(|s| (*s).to_owned()).collect()
+        };
+        let others = d.effects.iter().skip(1);
         Self {
             capture: capture.to_owned(),
             truth: truth.to_vec(),
             verdict: d.verdict,
             found: d.effects.iter().map(|e| e.id.to_owned()).collect(),
-            ambiguous_with: d.effects.first().map_or(Vec::new(), |e| {
-                e.ambiguous_with.iter().map(|s| (*s).to_owned()).collect()
-            }),
+            ambiguous_with: d.effects.first().map_or(Vec::new(), owned),
+            others_ambiguous_with: others
+                .filter(|f| !f.ambiguous_with.is_empty())
+                .map(|f| (f.id.to_owned(), owned(f)))
+                .collect(),
             first: physics.map_or(String::new(), |r| r.id.to_owned()),
             first_gain: physics.map_or([0.0; 2], |r| [r.gain, r.gain_se]),
             sealed_gain: d.effects.iter().map(|e| e.sealed_gain).sum(),
@@ -83,8 +92,12 @@ impl Case {
 
     /// A line for people.
     pub fn line(&self) -> String {
+        let others = self.others_ambiguous_with.iter();
+        let others: String = others
+            .map(|(id, rivals)| format!(", {id} with {}", rivals.join(", ")))
+            .collect();
         format!(
-            "{:20} truth [{}]: {:?} [{}] ambiguous [{}] first {} {:.0} ± {:.0}, sealed χ² {:.2} → {:.2}, {:.0} s",
+            "{:20} truth [{}]: {:?} [{}] ambiguous [{}{others}] first {} {:.0} ± {:.0}, sealed χ² {:.2} → {:.2}, {:.0} s",
             self.capture,
             self.truth.join(", "),
             self.verdict,
@@ -216,6 +229,7 @@ mod tests {
             verdict: Verdict::Explained,
             found: owned(found),
             ambiguous_with: owned(rivals),
+            others_ambiguous_with: BTreeMap::new(),
             first: String::new(),
             first_gain: [0.0; 2],
             sealed_gain: 0.0,
@@ -225,6 +239,19 @@ mod tests {
             sentence: String::new(),
             seconds: 0.0,
         }
+    }
+
+    #[test]
+    fn what_a_second_finding_is_ambiguous_with_is_told_and_is_no_rival_of_the_first() {
+        let found = vec![
+            Finding::example("vignetting", Vec::new()),
+            Finding::example("black_level", vec!["veiling_glare"]),
+        ];
+        let d = Diagnosis::example(Verdict::Ambiguous, found);
+        let case = Case::new("some", &["veiling_glare".to_owned()], &d, None);
+        assert!(case.ambiguous_with.is_empty() && !case.in_set());
+        let line = case.line();
+        assert!(line.contains("black_level with veiling_glare"), "{line}");
     }
 
     #[test]
