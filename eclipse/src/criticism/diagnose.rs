@@ -182,7 +182,7 @@ pub fn diagnose<'a>(
     let findings: Vec<Finding> = opened
         .path
         .iter()
-        .map(|step| finding(step.choice, after, step.gain, &errors))
+        .map(|step| finding(step, after, &errors))
         .collect();
     let findings = apart(findings);
     let all_shared = after.is_shared();

@@ -3,12 +3,11 @@
 use std::collections::BTreeMap;
 
 use super::{
-    compete::Choice,
+    confirm::Step,
     diagnosis::{Finding, Ranked},
     effects,
     fit::Fit,
     score::{Score, Screen},
-    sealed::Gain,
 };
 
 /// Of a screening, in its order.
@@ -29,13 +28,13 @@ pub fn ranked(screen: &Screen) -> Vec<Ranked> {
         .collect()
 }
 
-/// Of an effect in the model `fit`, whose numbers have these standard errors there.
+/// Of an effect that stands, in the model `fit`, whose numbers have these standard errors there.
 pub fn finding(
-    choice: &Choice,
+    step: &Step<'_>,
     fit: &Fit,
-    gain: Gain,
     errors: &BTreeMap<&'static str, Vec<f64>>,
 ) -> Finding {
+    let (choice, gain) = (step.choice, step.gain);
     let score: &Score = &choice.score;
     // A number that the last model no longer has keeps what screening said of it.
     let own = errors
@@ -81,9 +80,15 @@ pub fn finding(
         survival: score.survival,
         size: score.size,
         minimum_detectable: score.minimum_detectable,
-        ambiguous_with: choice.ambiguous_with.clone(),
+        ambiguous_with: without(&choice.ambiguous_with, &step.refused),
         place,
     }
+}
+
+/// Those that would do as well, less those that sealed data have refused.
+fn without(rivals: &[&'static str], refused: &[&'static str]) -> Vec<&'static str> {
+    let stand = rivals.iter().filter(|id| !refused.contains(id));
+    stand.copied().collect()
 }
 
 /// Effects that one exponent of all values changes together: a response raises light to a power, and with it every gain of a
@@ -127,6 +132,13 @@ pub fn moved(before: &Fit, after: &Fit) -> BTreeMap<String, f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_sealed_data_refuse_would_not_do_as_well() {
+        let rivals = ["medium", "near_field_light"];
+        assert_eq!(without(&rivals, &["medium"]), ["near_field_light"]);
+        assert_eq!(without(&rivals, &["clipping"]), rivals);
+    }
 
     #[test]
     fn a_common_exponent_is_told_where_two_share_it() {
