@@ -198,7 +198,9 @@ pub struct Diagnosis {
     pub background: [f64; 2],
     /// Mean residuals along axes.
     pub axes: Vec<Axis>,
-    /// Seconds each part took.
+    /// Seconds each part took: `all` of the diagnosis proper, its parts among it (`baseline`, `screen 1`, `refits 1`, …). The command
+    /// adds `reconstruction`, that of the simulation (0 where there was nothing to reconstruct, or a reconstruction was given),
+    /// `outline` where there is one, and `total`, from its beginning until files are written.
     pub seconds: BTreeMap<String, f64>,
 }
 

@@ -47,8 +47,10 @@ pub struct Case {
     pub sealed_chi2: [f64; 2],
     /// The sentence.
     pub sentence: String,
-    /// Seconds it took.
+    /// Seconds it took, its reconstruction included.
     pub seconds: f64,
+    /// Seconds of that which the reconstruction took.
+    pub reconstruction_seconds: f64,
 }
 
 impl Case {
@@ -59,6 +61,7 @@ impl Case {
             f.ambiguous_with.iter().map(|s| (*s).to_owned()).collect()
         };
         let others = d.effects.iter().skip(1);
+        let seconds = |part: &str| d.seconds.get(part).copied();
         Self {
             capture: capture.to_owned(),
             truth: truth.to_vec(),
@@ -76,7 +79,8 @@ impl Case {
             above_limit: measure.as_ref().map(above_limit),
             sealed_chi2: [d.sealed.chi2_before, d.sealed.chi2_after],
             sentence: d.sentence.clone(),
-            seconds: d.seconds.get("all").copied().unwrap_or(0.0),
+            seconds: seconds("total").or_else(|| seconds("all")).unwrap_or(0.0),
+            reconstruction_seconds: seconds("reconstruction").unwrap_or(0.0),
         }
     }
 
@@ -238,6 +242,7 @@ mod tests {
             sealed_chi2: [1.0; 2],
             sentence: String::new(),
             seconds: 0.0,
+            reconstruction_seconds: 0.0,
         }
     }
 
@@ -252,6 +257,20 @@ mod tests {
         assert!(case.ambiguous_with.is_empty() && !case.in_set());
         let line = case.line();
         assert!(line.contains("black_level with veiling_glare"), "{line}");
+    }
+
+    #[test]
+    fn a_capture_takes_as_long_as_the_command_did() {
+        let mut d = Diagnosis::example(Verdict::NothingMissing, Vec::new());
+        let seconds = |d: &Diagnosis| {
+            let case = Case::new("some", &[], d, None);
+            [case.seconds, case.reconstruction_seconds]
+        };
+        d.seconds.insert("all".to_owned(), 20.0);
+        assert_eq!(seconds(&d), [20.0, 0.0]);
+        d.seconds.insert("reconstruction".to_owned(), 30.0);
+        d.seconds.insert("total".to_owned(), 51.0);
+        assert_eq!(seconds(&d), [51.0, 30.0]);
     }
 
     #[test]
