@@ -43,6 +43,8 @@ pub struct Finding {
     pub survival: f64,
     /// Relative size in the image (RMS).
     pub size: f64,
+    /// Its standard error by those of the numbers, taken as independent.
+    pub size_se: f64,
     /// Relative size that would have been found.
     pub minimum_detectable: f64,
     /// Effects that explain the data as well.
@@ -65,6 +67,7 @@ impl Finding {
             p_holm: 1e-6,
             survival: 0.5,
             size: 0.02,
+            size_se: 0.001,
             minimum_detectable: 0.001,
             ambiguous_with,
             place: BTreeMap::new(),
@@ -85,6 +88,8 @@ pub struct Ranked {
     pub p: f64,
     /// Relative size in the image.
     pub size: f64,
+    /// Its standard error by those of the numbers, taken as independent.
+    pub size_se: f64,
     /// Share of its signal that survives.
     pub survival: f64,
     /// Size that would be found.

@@ -39,6 +39,11 @@ impl HotSpot {
         let [left, top, right, bottom] = self.pixels;
         [0.5 * (left + right), 0.5 * (top + bottom)]
     }
+
+    /// Standard error of the relative residual.
+    pub fn relative_error(&self) -> f64 {
+        (self.relative / self.sigma).abs()
+    }
 }
 
 /// Parts of frames with significant mean residual (Benjamini and Hochberg at 1 %), largest first; of frames that were sealed only where

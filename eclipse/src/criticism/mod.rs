@@ -46,6 +46,7 @@ pub mod silhouette;
 pub mod simulation;
 pub mod split;
 pub mod statistics;
+pub mod stretch;
 pub mod study;
 pub mod study_scores;
 pub mod told;

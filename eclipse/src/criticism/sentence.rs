@@ -4,6 +4,7 @@ use super::{
     diagnosis::{Diagnosis, Finding, Verdict},
     effects,
     statistics::median,
+    stretch::Stretch,
     verdict::STRUCTURE,
 };
 
@@ -14,19 +15,8 @@ const REST: f64 = 0.1;
 
 /// The sentence a person reads first.
 pub fn sentence(d: &Diagnosis) -> String {
-    let place = d.hot_spots.first().map_or(String::new(), |spot| {
-        let sign = if spot.sigma > 0.0 {
-            "brighter"
-        } else {
-            "darker"
-        };
-        let [x, y] = spot.middle();
-        format!(
-            "Frame {} is up to {:.1} % {sign} than its simulation around pixel ({x:.0}, {y:.0}). ",
-            spot.frame,
-            100.0 * spot.relative.abs()
-        )
-    });
+    let place = Stretch::around(&d.hot_spots)
+        .map_or(String::new(), |stretch| format!("{} ", stretch.sentence()));
     let explained = 100.0 * (1.0 - d.unexplained_fraction);
     // Where neighbouring places share nothing beyond noise, there is no share of it to tell.
     let share = if d.structured[0] > STRUCTURE {
@@ -130,15 +120,8 @@ fn instead(d: &Diagnosis) -> String {
 /// What the effects that were found leave over.
 fn left(d: &Diagnosis) -> String {
     let mut left: Vec<String> = Vec::new();
-    let spot = d.hot_spots_after.first();
-    if let Some(spot) =
-        spot.filter(|_| d.unexplained_fraction > REST && d.structured[0] > STRUCTURE)
-    {
-        let [x, y] = spot.middle();
-        left.push(format!(
-            "frame {} around pixel ({x:.0}, {y:.0})",
-            spot.frame
-        ));
+    if d.unexplained_fraction > REST && d.structured[0] > STRUCTURE {
+        left.extend(Stretch::around(&d.hot_spots_after).map(|stretch| stretch.place()));
     }
     let [before, after] = d.background;
     if after > STRUCTURE && after > 0.5 * before {
@@ -153,9 +136,10 @@ fn left(d: &Diagnosis) -> String {
 fn told(finding: &Finding) -> String {
     let what = effects::by_id(finding.id).map_or("", |e| e.describe());
     format!(
-        "{} ({what}; {:.1} % of the image, RMS)",
+        "{} ({what}; {:.1} ± {:.1} % of the image, RMS)",
         finding.id,
-        100.0 * finding.size
+        100.0 * finding.size,
+        100.0 * finding.size_se
     )
 }
 
@@ -172,6 +156,10 @@ mod tests {
         let told = sentence(&Diagnosis::example(Verdict::Ambiguous, second.to_vec()));
         assert!(
             told.contains("but veiling_glare would do as well in place of black_level;"),
+            "{told}"
+        );
+        assert!(
+            told.contains("a constant is added to all values; 2.0 ± 0.1 % of the image, RMS)"),
             "{told}"
         );
         let one = Finding::example("vignetting", vec!["medium", "near_field_light"]);

@@ -21,6 +21,7 @@ pub fn ranked(screen: &Screen) -> Vec<Ranked> {
             gain_se: s.gain_se,
             p: s.p,
             size: s.size,
+            size_se: s.size_error(&s.standard_error),
             survival: s.survival,
             minimum_detectable: s.minimum_detectable,
             capacity: effects::by_id(s.id).is_some_and(|e| e.is_capacity()),
@@ -29,11 +30,7 @@ pub fn ranked(screen: &Screen) -> Vec<Ranked> {
 }
 
 /// Of an effect that stands, in the model `fit`, whose numbers have these standard errors there.
-pub fn finding(
-    step: &Step<'_>,
-    fit: &Fit,
-    errors: &BTreeMap<&'static str, Vec<f64>>,
-) -> Finding {
+pub fn finding(step: &Step<'_>, fit: &Fit, errors: &BTreeMap<&'static str, Vec<f64>>) -> Finding {
     let (choice, gain) = (step.choice, step.gain);
     let score: &Score = &choice.score;
     // A number that the last model no longer has keeps what screening said of it.
@@ -79,6 +76,7 @@ pub fn finding(
         p_holm: choice.p_holm,
         survival: score.survival,
         size: score.size,
+        size_se: score.size_error(error),
         minimum_detectable: score.minimum_detectable,
         ambiguous_with: without(&choice.ambiguous_with, &step.refused),
         place,
