@@ -376,6 +376,9 @@ pub fn chosen(names: &[String], light: Light) -> Result<Vec<&'static dyn Effect>
 /// Puts what was refitted before the rest, in the order of the refits' evidence.
 fn put_first(ranking: &mut [Ranked], evidence: &[(&'static str, f64)]) {
     let place = |id: &str| evidence.iter().position(|(other, _)| *other == id);
+    for ranked in ranking.iter_mut() {
+        ranked.evidence = place(ranked.id).map(|k| evidence[k].1);
+    }
     ranking.sort_by_key(|r| place(r.id).unwrap_or(evidence.len()));
 }
 
@@ -412,6 +415,29 @@ pub enum DiagnoseError {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn refits_lead_the_ranking_and_gains_order_the_rest() {
+        let ranked = |id, gain| Ranked {
+            gain,
+            ..Ranked::example(id)
+        };
+        let mut ranking = [
+            ranked("medium", 90.0),
+            ranked("vignetting", 80.0),
+            ranked("clipping", 70.0),
+            ranked("defocus", 60.0),
+        ];
+        put_first(&mut ranking, &[("clipping", 40.0), ("medium", 10.0)]);
+        let order = ranking.each_ref().map(|r| (r.id, r.evidence));
+        let expected = [
+            ("clipping", Some(40.0)),
+            ("medium", Some(10.0)),
+            ("vignetting", None),
+            ("defocus", None),
+        ];
+        assert_eq!(order, expected);
+    }
 
     #[test]
     fn what_is_found_beside_an_effect_is_no_alternative_to_it() {

@@ -96,6 +96,8 @@ pub struct Ranked {
     pub minimum_detectable: f64,
     /// Whether it is capacity rather than physics.
     pub capacity: bool,
+    /// Evidence of its refit in the first round, which decides its place in the ranking; absent where there was none.
+    pub evidence: Option<f64>,
 }
 
 /// A refit with one effect more.
@@ -175,7 +177,7 @@ pub struct Diagnosis {
     pub occluders: Option<Occluders>,
     /// A stand-in for physics that has no name here and does better than all that has one.
     pub looks_like: Option<&'static str>,
-    /// The first screening, best first.
+    /// The first screening: what was refitted, in the order of its refits' evidence, then the others by their gain.
     pub ranking: Vec<Ranked>,
     /// Errors on sealed data.
     pub sealed: Sealed,
@@ -239,6 +241,25 @@ impl Diagnosis {
             background: [0.0; 2],
             axes: Vec::new(),
             seconds: BTreeMap::new(),
+        }
+    }
+}
+
+#[cfg(test)]
+impl Ranked {
+    /// One whose numbers do not matter, for tests of what is told.
+    pub(crate) fn example(id: &'static str) -> Self {
+        Self {
+            id,
+            gain: 50.0,
+            gain_se: 10.0,
+            p: 1e-4,
+            size: 0.01,
+            size_se: 0.002,
+            survival: 0.5,
+            minimum_detectable: 0.006,
+            capacity: false,
+            evidence: None,
         }
     }
 }

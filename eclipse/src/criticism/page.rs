@@ -283,7 +283,8 @@ fn ranking(d: &Diagnosis) -> String {
         })
         .collect();
     format!(
-        "<h2>All effects, by gain on held-out patches</h2><table><tr><th>effect</th><th>gain</th><th>p</th><th>size</th><th>survival</th>\
+        "<h2>All effects</h2><p>First those that were refitted in the first round, in the order of their refits' evidence; then the others by \
+         what they gain on held-out patches when screened.</p><table><tr><th>effect</th><th>gain</th><th>p</th><th>size</th><th>survival</th>\
          <th>minimum detectable</th></tr>{rows}</table><p class=\"capacity\">Grey: not physics, but more freedom for light, albedo or occluders.</p>"
     )
 }

@@ -31,9 +31,9 @@ pub struct Case {
     /// What each of the others is ambiguous with, where that is anything.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub others_ambiguous_with: BTreeMap<String, Vec<String>>,
-    /// The physics that ranks first in the first screening.
+    /// The physics that ranks first: by its refit where there was one, else by its gain in the first screening.
     pub first: String,
-    /// Its gain and standard error.
+    /// Its gain in the first screening and the standard error.
     pub first_gain: [f64; 2],
     /// Gain on sealed data of everything that was found.
     pub sealed_gain: f64,

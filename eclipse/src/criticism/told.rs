@@ -25,6 +25,7 @@ pub fn ranked(screen: &Screen) -> Vec<Ranked> {
             survival: s.survival,
             minimum_detectable: s.minimum_detectable,
             capacity: effects::by_id(s.id).is_some_and(|e| e.is_capacity()),
+            evidence: None,
         })
         .collect()
 }

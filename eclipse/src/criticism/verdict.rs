@@ -18,7 +18,7 @@ pub struct Grounds<'a> {
     pub unknown: Option<&'static str>,
     /// Whether they gave an effect some credit, but too little.
     pub refused: bool,
-    /// The first screening.
+    /// The first screening, in any order.
     pub ranking: &'a [Ranked],
     /// Structured mismatch before and after, in units of the noise's variance: see [`judged`].
     pub structured: [f64; 2],
