@@ -223,7 +223,8 @@ pub(super) fn diagnose(
     };
     // Where the lamps are known there is nothing to reconstruct.
     if capture.lamps.is_none() {
-        outcome.diagnosis.command = found::reconstruction_with(job, &outcome.diagnosis);
+        let lambertian = found::is_lambertian(&outcome);
+        outcome.diagnosis.command = found::reconstruction_with(job, &outcome.diagnosis, lambertian);
     }
     outline::draw(job, &capture, &mut outcome, (began, &pool, stop), &report);
     let seconds = &mut outcome.diagnosis.seconds;
