@@ -215,13 +215,15 @@ pub fn diagnose<'a>(
     let last = opened.path.last().and_then(|step| place(&rounds, step.fit));
     let (before, after) = ends(&study, first, rounds, last)?;
     seconds.insert("all".to_owned(), began.elapsed().as_secs_f64());
+    // Of what is not explained there is a map, never a name.
+    let (effects, unnamed) = match verdict {
+        Verdict::Unexplained => (Vec::new(), findings.len()),
+        _ => (findings, 0),
+    };
     let mut diagnosis = Diagnosis {
         verdict,
-        // Of what is not explained there is a map, never a name.
-        effects: match verdict {
-            Verdict::Unexplained => Vec::new(),
-            _ => findings,
-        },
+        effects,
+        unnamed,
         shared_exponent: None,
         occluders: silhouettes.as_ref().map(|s| s.told.clone()),
         looks_like,

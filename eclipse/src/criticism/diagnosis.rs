@@ -171,17 +171,21 @@ pub struct Diagnosis {
     pub verdict: Verdict,
     /// What was added to the model, in order.
     pub effects: Vec<Finding>,
+    /// Effects in the last model that have no name here, since the verdict is that they explain too little: all that is said of `after`,
+    /// and `unexplained_fraction`, includes what they do.
+    pub unnamed: usize,
     /// What is known of the effects' sizes only together, in a sentence.
     pub shared_exponent: Option<String>,
     /// The occluders of the last model, if it has any; a map of each frame is in `occluders.exr`.
     pub occluders: Option<Occluders>,
-    /// A stand-in for physics that has no name here and does better than all that has one.
+    /// A stand-in for physics that has no name here and does better than all that has one, or than all that could be added to what was
+    /// found.
     pub looks_like: Option<&'static str>,
     /// The first screening: what was refitted, in the order of its refits' evidence, then the others by their gain.
     pub ranking: Vec<Ranked>,
     /// Errors on sealed data.
     pub sealed: Sealed,
-    /// Share of the structured mismatch that is left.
+    /// Share of the structured mismatch that the last model leaves.
     pub unexplained_fraction: f64,
     /// Where the first model is off.
     pub hot_spots: Vec<HotSpot>,
@@ -218,6 +222,7 @@ impl Diagnosis {
         Self {
             verdict,
             effects,
+            unnamed: 0,
             shared_exponent: None,
             occluders: None,
             looks_like: None,

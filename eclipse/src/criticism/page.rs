@@ -95,12 +95,13 @@ fn html(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, PageErro
     Ok(format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\n\
          <title>Diagnosis of {title}</title>\n<style>{style}</style></head><body>\n<h1>{title}: {verdict}</h1>\n\
-         <p class=\"sentence\">{sentence}</p>\n{exponent}{found}{film}{pictures}{spots}{ranking}{refits}{axes}{assumed}{others}\
+         <p class=\"sentence\">{sentence}</p>\n{unnamed}{exponent}{found}{film}{pictures}{spots}{ranking}{refits}{axes}{assumed}{others}\
          <footer>Written by eclipse {version}. Gains are reductions of squared error in units of the noise's variance. Sealed data: \
          {sealed}, seen by no fit.</footer></body></html>\n",
         title = escaped(&name),
         style = include_str!("page.css"),
         sentence = escaped(&d.sentence),
+        unnamed = unnamed(d),
         exponent = exponent(d),
         found = found(d),
         film = film::strip(outcome)?,
@@ -118,6 +119,34 @@ fn html(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, PageErro
             "one patch of surface in seven, in all frames"
         },
     ))
+}
+
+/// What the last model holds besides what is named.
+fn unnamed(d: &Diagnosis) -> String {
+    let mut said = String::new();
+    if d.unnamed > 0 {
+        said += &format!(
+            "<p>Sealed data let {} stand, but most of the mismatch remains, so that no name is given. What is said of \
+             <i>after</i> on this page, and χ² after, is of the model that includes what was tried.</p>\n",
+            match d.unnamed {
+                1 => "one effect".to_owned(),
+                many => format!("{many} effects"),
+            }
+        );
+    }
+    if let Some(stand_in) = d.looks_like.and_then(effects::by_id) {
+        let than = if d.effects.is_empty() {
+            "all that has one"
+        } else {
+            "all that could be added to what was found"
+        };
+        said += &format!(
+            "<p>Something that has no name here does better than {than}: {} (<code>{}</code>). It is not in the model.</p>\n",
+            escaped(stand_in.describe()),
+            stand_in.id()
+        );
+    }
+    said
 }
 
 fn exponent(d: &Diagnosis) -> String {
@@ -390,6 +419,22 @@ pub enum PageError {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_has_no_name_is_told() {
+        use super::super::Verdict;
+        let mut d = Diagnosis::example(Verdict::Unexplained, Vec::new());
+        assert_eq!(unnamed(&d), "");
+        d.unnamed = 1;
+        assert!(unnamed(&d).contains("let one effect stand"));
+        d.effects = vec![Finding::example("vignetting", Vec::new())];
+        d.looks_like = Some("image_warp");
+        let told = unnamed(&d);
+        assert!(
+            told.contains("added to what was found") && told.contains("image_warp"),
+            "{told}"
+        );
+    }
 
     #[test]
     fn maps_of_an_earlier_diagnosis_are_removed_and_nothing_else() {

@@ -88,7 +88,7 @@ pub fn sentence(d: &Diagnosis) -> String {
                 .map_or(String::new(), |stand_in| {
                     format!(" It looks most like {}.", stand_in.describe())
                 });
-            let part = if d.unexplained_fraction < 1.0 {
+            let part = if d.unnamed > 0 && d.unexplained_fraction < 1.0 {
                 format!(" The best of them explain {explained:.0} % of it.")
             } else {
                 String::new()
@@ -123,6 +123,12 @@ fn left(d: &Diagnosis) -> String {
     if d.unexplained_fraction > REST && d.structured[0] > STRUCTURE {
         left.extend(Stretch::around(&d.hot_spots_after).map(|stretch| stretch.place()));
     }
+    if let Some(stand_in) = d.looks_like.and_then(effects::by_id) {
+        left.push(format!(
+            "something that looks most like {}",
+            stand_in.describe()
+        ));
+    }
     let [before, after] = d.background;
     if after > STRUCTURE && after > 0.5 * before {
         left.push("light in the background, which may be scenery".to_owned());
@@ -146,6 +152,28 @@ fn told(finding: &Finding) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_a_stand_in_explains_beside_an_effect_is_told() {
+        let found = vec![Finding::example("vignetting", Vec::new())];
+        let mut d = Diagnosis::example(Verdict::Explained, found);
+        assert!(!sentence(&d).contains("Not explained"));
+        d.looks_like = Some("image_warp");
+        let told = sentence(&d);
+        assert!(
+            told.contains("Not explained: something that looks most like"),
+            "{told}"
+        );
+    }
+
+    #[test]
+    fn effects_without_a_name_are_told_where_there_are_any() {
+        let mut d = Diagnosis::example(Verdict::Unexplained, Vec::new());
+        d.unexplained_fraction = 0.6;
+        assert!(!sentence(&d).contains("of it"), "{}", sentence(&d));
+        d.unnamed = 2;
+        assert!(sentence(&d).contains("explain 40 % of it"));
+    }
 
     #[test]
     fn whoever_would_do_as_well_is_named_with_the_effect_whose_place_it_takes() {
