@@ -84,6 +84,14 @@ impl Case {
         }
     }
 
+    /// Whether something is said to be missing, be it named or not.
+    pub fn alarms(&self) -> bool {
+        !matches!(
+            self.verdict,
+            Verdict::NothingMissing | Verdict::Underpowered
+        )
+    }
+
     /// Whether the true effect is the first that was named.
     fn top1(&self) -> bool {
         self.found.first().is_some_and(|f| self.truth.contains(f))
@@ -134,7 +142,9 @@ pub struct Scores {
     pub in_set_above_limit: Option<f64>,
     /// Share of nulls in which something was found.
     pub false_alarm_rate: Option<f64>,
-    /// Share of compounds of which both effects were found.
+    /// Share of nulls with any verdict but *nothing missing* and *underpowered*: something is said to be missing, be it named or not.
+    pub any_alarm_rate: Option<f64>,
+    /// Share of compounds of which both effects were found; physics outside the table, which nothing can find, makes no compound.
     pub compound_both: Option<f64>,
     /// Share of captures with physics outside the table in which nothing was named.
     pub abstains_outside: Option<f64>,
@@ -181,7 +191,8 @@ impl Scores {
             top1_above_limit: share(&above, &Case::top1),
             in_set_above_limit: share(&above, &Case::in_set),
             false_alarm_rate: share(&|c| c.truth.is_empty(), &|c| !c.found.is_empty()),
-            compound_both: share(&|c| c.truth.len() > 1, &|c| {
+            any_alarm_rate: share(&|c| c.truth.is_empty(), &Case::alarms),
+            compound_both: share(&|c| c.truth.len() > 1 && !outside(c), &|c| {
                 c.truth.iter().all(|t| c.found.contains(t))
             }),
             abstains_outside: share(&|c| outside(c), &|c| c.found.is_empty()),
@@ -201,6 +212,7 @@ impl Scores {
             ("first, of those above the limit", self.top1_above_limit),
             ("in the set, of those", self.in_set_above_limit),
             ("false alarms on nulls", self.false_alarm_rate),
+            ("nulls said to lack something", self.any_alarm_rate),
             ("both effects of compounds", self.compound_both),
             ("abstains outside the table", self.abstains_outside),
             ("sealed gain over a told refit", self.gain_over_oracle),
@@ -294,6 +306,7 @@ mod tests {
                 Some(true),
             ),
             case(&[OUTSIDE], &["medium"], &[], None),
+            case(&["vignetting", OUTSIDE], &["vignetting"], &[], None),
         ]);
         let close = |share: Option<f64>, of: f64| (share.unwrap() - of).abs() < 1e-12;
         assert!(close(scores.top1, 1.0 / 3.0) && close(scores.in_set, 2.0 / 3.0));
@@ -301,6 +314,20 @@ mod tests {
         assert!(close(scores.false_alarm_rate, 0.5) && close(scores.compound_both, 0.5));
         assert!(close(scores.abstains_outside, 0.0));
         assert_eq!(scores.gain_over_oracle, None);
+        // All of these cases are said to lack something.
+        assert!(close(scores.any_alarm_rate, 1.0));
+        let silent = |verdict| Case {
+            verdict,
+            ..case(&[], &[], &[], None)
+        };
+        let nulls = [
+            Verdict::NothingMissing,
+            Verdict::Underpowered,
+            Verdict::Unexplained,
+        ];
+        let nulls = Scores::new(nulls.map(silent).into());
+        assert!(close(nulls.any_alarm_rate, 1.0 / 3.0));
+        assert!(close(nulls.false_alarm_rate, 0.0));
         assert_eq!(scores.confusion["emission"]["nothing"], 1);
         assert_eq!(scores.confusion["nothing"]["medium"], 1);
     }
