@@ -148,7 +148,8 @@ pub struct Scores {
     pub compound_both: Option<f64>,
     /// Share of captures with physics outside the table in which nothing was named.
     pub abstains_outside: Option<f64>,
-    /// Mean of the captures' own.
+    /// Mean of the captures' own, each at most 1: a diagnosis that gains more than the truth has fitted something else besides, and does
+    /// not make up for another that gains nothing.
     pub gain_over_oracle: Option<f64>,
     /// Truth → named first → how often.
     pub confusion: BTreeMap<String, BTreeMap<String, usize>>,
@@ -196,7 +197,11 @@ impl Scores {
                 c.truth.iter().all(|t| c.found.contains(t))
             }),
             abstains_outside: share(&|c| outside(c), &|c| c.found.is_empty()),
-            gain_over_oracle: mean(captures.iter().filter_map(|c| c.gain_over_oracle)),
+            gain_over_oracle: mean(
+                captures
+                    .iter()
+                    .filter_map(|c| Some(c.gain_over_oracle?.min(1.0))),
+            ),
             confusion,
             captures,
         }
@@ -314,6 +319,12 @@ mod tests {
         assert!(close(scores.false_alarm_rate, 0.5) && close(scores.compound_both, 0.5));
         assert!(close(scores.abstains_outside, 0.0));
         assert_eq!(scores.gain_over_oracle, None);
+        let gains = |gain| Case {
+            gain_over_oracle: gain,
+            ..case(&["vignetting"], &[], &[], None)
+        };
+        let gained = Scores::new([Some(1.8), Some(0.2), None].map(gains).into());
+        assert!(close(gained.gain_over_oracle, 0.6));
         // All of these cases are said to lack something.
         assert!(close(scores.any_alarm_rate, 1.0));
         let silent = |verdict| Case {
