@@ -15,6 +15,7 @@ use super::{
     score::{Screen, screen},
     sealed::{Judge, Noise},
     sentence::sentence,
+    separate::separate_by,
     silhouette::Silhouettes,
     simulation::Simulation,
     study::{Study, StudyError},
@@ -222,6 +223,7 @@ pub fn diagnose<'a>(
     };
     let mut diagnosis = Diagnosis {
         verdict,
+        separate_by: separate_by(&effects),
         effects,
         unnamed,
         shared_exponent: None,

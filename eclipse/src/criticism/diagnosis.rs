@@ -174,6 +174,8 @@ pub struct Diagnosis {
     /// Effects in the last model that have no name here, since the verdict is that they explain too little: all that is said of `after`,
     /// and `unexplained_fraction`, includes what they do.
     pub unnamed: usize,
+    /// Further photographs that would tell apart effects that explain the data equally well, a line an effect; empty where none are.
+    pub separate_by: Vec<String>,
     /// What is known of the effects' sizes only together, in a sentence.
     pub shared_exponent: Option<String>,
     /// The occluders of the last model, if it has any; a map of each frame is in `occluders.exr`.
@@ -223,6 +225,7 @@ impl Diagnosis {
             verdict,
             effects,
             unnamed: 0,
+            separate_by: Vec::new(),
             shared_exponent: None,
             occluders: None,
             looks_like: None,

@@ -41,6 +41,7 @@ pub mod scene;
 pub mod score;
 pub mod sealed;
 pub mod sentence;
+pub mod separate;
 pub mod shadow_edges;
 pub mod silhouette;
 pub mod simulation;

@@ -95,13 +95,14 @@ fn html(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, PageErro
     Ok(format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\n\
          <title>Diagnosis of {title}</title>\n<style>{style}</style></head><body>\n<h1>{title}: {verdict}</h1>\n\
-         <p class=\"sentence\">{sentence}</p>\n{unnamed}{exponent}{found}{film}{pictures}{spots}{ranking}{refits}{axes}{assumed}{others}\
+         <p class=\"sentence\">{sentence}</p>\n{unnamed}{exponent}{found}{separate}{film}{pictures}{spots}{ranking}{refits}{axes}{assumed}{others}\
          <footer>Written by eclipse {version}. Gains are reductions of squared error in units of the noise's variance. Sealed data: \
          {sealed}, seen by no fit.</footer></body></html>\n",
         title = escaped(&name),
         style = include_str!("page.css"),
         sentence = escaped(&d.sentence),
         unnamed = unnamed(d),
+        separate = separate(d),
         exponent = exponent(d),
         found = found(d),
         film = film::strip(outcome)?,
@@ -147,6 +148,20 @@ fn unnamed(d: &Diagnosis) -> String {
         );
     }
     said
+}
+
+/// Which photographs would tell apart what explains these equally well.
+fn separate(d: &Diagnosis) -> String {
+    if d.separate_by.is_empty() {
+        return String::new();
+    }
+    let lines = d.separate_by.iter();
+    let lines: String = lines
+        .map(|line| format!("<li>{}</li>", escaped(line)))
+        .collect();
+    format!(
+        "<p>Further photographs that would tell apart what explains these equally well:</p><ul>{lines}</ul>\n"
+    )
 }
 
 fn exponent(d: &Diagnosis) -> String {
