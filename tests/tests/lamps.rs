@@ -2,7 +2,6 @@
 
 use std::{
     fs,
-    path::Path,
     process::Output,
     sync::{Arc, OnceLock},
 };
@@ -16,15 +15,15 @@ use eclipse::{
         effects,
         fit::Fit,
         light::Light,
+        locate,
         study::Study,
     },
-    image_io::write_png8,
     inspect::inspect,
     reconstruct::check_light,
     settings::Settings,
 };
 use eclipse_tests::{
-    lit_ball::{self, FRAMES, SCALE, SIZE, lamps},
+    lit_ball::{self, FRAMES, SCALE, SIZE, lamps, written},
     program,
 };
 use glam::Vec3;
@@ -35,33 +34,6 @@ use serde_json::{Value, json};
 fn plain() -> &'static Capture {
     static PLAIN: OnceLock<Capture> = OnceLock::new();
     PLAIN.get_or_init(|| lit_ball::capture(&lamps(), &lamps(), |_, _, light| light))
-}
-
-/// Writes a capture as photometric-stereo sets are: eight bits, masks as files, a ball for a shape.
-fn written(folder: &Path, capture: &Capture) -> Value {
-    let frames: Vec<Value> = capture
-        .frames
-        .iter()
-        .zip(&capture.lamps.as_ref().unwrap().lamps)
-        .map(|(frame, lamp)| {
-            let (file, mask) = (
-                format!("{}.png", frame.name),
-                format!("{}-mask.png", frame.name),
-            );
-            write_png8(&folder.join(&file), &frame.image).unwrap();
-            write_png8(&folder.join(&mask), &frame.mask).unwrap();
-            json!({
-                "file_path": file, "mask_path": mask,
-                "lamp": { "direction": lamp.direction.to_array(), "strength": lamp.strength }
-            })
-        })
-        .collect();
-    let [cx, cy] = capture.frames[0].camera.principal;
-    json!({
-        "camera_model": "ORTHOGRAPHIC", "w": SIZE, "h": SIZE, "pixels_per_unit": SCALE, "cx": cx, "cy": cy,
-        "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
-        "shape": { "sphere": { "centre": [0, 0, 0], "radius": 1 } }, "frames": frames
-    })
 }
 
 /// The message that a capture is refused with after `spoil` changed its `transforms.json`.
@@ -260,6 +232,22 @@ fn nulls_change_no_bit_under_lamps() {
     ] {
         assert!(told.contains(&id), "{id} of {told:?}");
     }
+}
+
+/// A lamp is its frame's own: every frame takes part, and may be where the photographs differ whatever is in the model.
+#[test]
+fn no_frame_is_sealed_under_known_lamps() {
+    let gain = |t: usize| if t == 3 { 1.3 } else { 1.0 };
+    let capture = lit_ball::capture(&lamps(), &lamps(), |t, _, light| light.map(|v| gain(t) * v));
+    let study = Study::new(&capture, &simulation(&capture), 500, 20, 3).unwrap();
+    assert!(!study.seals_frames());
+    let mut fit = Fit::start(&study).unwrap();
+    fit.add(effects::by_id("exposure_drift").unwrap(), Vec::new());
+    fit.relink(&study).unwrap();
+    fit.evaluate(&study).unwrap();
+    assert!(!fit.is_shared());
+    let spots = locate::hot_spots(&study, &fit, 12);
+    assert_eq!(spots.first().map(|spot| spot.frame), Some(3));
 }
 
 fn diagnosed(capture: &Capture) -> Outcome<'_> {

@@ -114,6 +114,36 @@ fn every_capture_that_fails_is_listed_with_its_reason() {
 }
 
 #[test]
+fn folders_without_a_label_and_labels_without_a_folder_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let captures = folder.path().join("captures");
+    for name in ["first", "unknown", "day/hall", ".git"] {
+        fs::create_dir_all(captures.join(name)).unwrap();
+    }
+    let labels = folder.path().join("labels.json");
+    let label =
+        r#"{"first": {"effects": []}, "gone": {"effects": []}, "day/hall": {"effects": []}}"#;
+    fs::write(&labels, label).unwrap();
+    let mismatch = ["mismatch", text(&captures), "--labels", text(&labels)];
+    let output = study(&[mismatch.as_slice(), &["--json"]].concat());
+    let message = stderr(&output);
+    let skipped = "unknown was not diagnosed: the labels do not name it";
+    assert!(message.contains(skipped), "{message}");
+    let skipped = "gone was not diagnosed: there is no such folder";
+    assert!(message.contains(skipped), "{message}");
+    let printed: serde_json::Value = serde_json::from_str(&stdout(&output)).unwrap();
+    let names: Vec<&str> = printed["skipped"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|one| one["capture"].as_str().unwrap())
+        .collect();
+    assert_eq!(names, ["unknown", "gone"]);
+    let of = |arguments: &[&str]| stderr(&study(&[&mismatch, arguments].concat()));
+    assert!(!of(&["--only", "first"]).contains("unknown"));
+}
+
+#[test]
 fn labels_name_effects_that_are_known() {
     let folder = tempfile::tempdir().unwrap();
     let labels = folder.path().join("labels.json");

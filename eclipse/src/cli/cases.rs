@@ -67,6 +67,7 @@ impl CaseArguments {
         let whole = Whole {
             found,
             failed: &ended.failed,
+            skipped: &ended.skipped,
             interrupted: ended.interrupted,
         };
         let json = serde_json::to_string_pretty(&whole).map_err(Failure::failed)? + "\n";
@@ -94,6 +95,8 @@ struct Whole<'a, T> {
     found: &'a T,
     #[serde(skip_serializing_if = "<[_]>::is_empty")]
     failed: &'a [Failed],
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    skipped: &'a [Skipped],
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     interrupted: bool,
 }
@@ -107,6 +110,13 @@ struct Failed {
     outcome: Outcome,
 }
 
+/// A capture that was left out, and why.
+#[derive(Serialize)]
+struct Skipped {
+    capture: String,
+    problem: &'static str,
+}
+
 /// How work on many captures ended: one that fails does not keep the others from it, but the command from success.
 #[derive(Default)]
 pub(super) struct Ended {
@@ -115,6 +125,7 @@ pub(super) struct Ended {
     /// Whether somebody asked for the end before all were done.
     pub interrupted: bool,
     failed: Vec<Failed>,
+    skipped: Vec<Skipped>,
 }
 
 impl Ended {
@@ -131,16 +142,23 @@ impl Ended {
             problem: failure.message,
             outcome: failure.outcome,
         };
-        let line = format!("{capture} was not diagnosed: {}", failed.problem);
-        match style {
-            // A closed standard error is no failure.
-            Style::Bar => {
-                let _ = writeln!(err, "{line}");
-            }
-            Style::Lines => Lines::default().tell(&Event::stage(&line)),
-            Style::Hidden => {}
-        }
+        say(capture, &failed.problem, style, err);
         self.failed.push(failed);
+    }
+
+    /// Tells of a capture that is left out; that is no failure.
+    pub(super) fn skip(
+        &mut self,
+        capture: &str,
+        problem: &'static str,
+        style: Style,
+        err: &mut dyn Write,
+    ) {
+        say(capture, problem, style, err);
+        self.skipped.push(Skipped {
+            capture: capture.to_owned(),
+            problem,
+        });
     }
 
     /// Whether nothing was begun.
@@ -174,5 +192,18 @@ impl Ended {
             Outcome::Failed
         };
         Err(Failure { outcome, message })
+    }
+}
+
+/// Says at once why a capture has no diagnosis.
+fn say(capture: &str, problem: &str, style: Style, err: &mut dyn Write) {
+    let line = format!("{capture} was not diagnosed: {problem}");
+    match style {
+        // A closed standard error is no failure.
+        Style::Bar => {
+            let _ = writeln!(err, "{line}");
+        }
+        Style::Lines => Lines::default().tell(&Event::stage(&line)),
+        Style::Hidden => {}
     }
 }

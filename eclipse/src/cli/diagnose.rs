@@ -8,6 +8,7 @@ use std::{
     io::Write,
     path::{Path, PathBuf},
     sync::atomic::{AtomicBool, Ordering},
+    time::Instant,
 };
 
 use clap::Args;
@@ -162,7 +163,7 @@ pub(super) fn diagnose(
     stop: &AtomicBool,
     inspect: &mut dyn FnMut(&criticism::Outcome<'_>) -> Result<(), DiagnoseError>,
 ) -> Result<Option<Diagnosis>, Failure> {
-    let began = std::time::Instant::now();
+    let began = Instant::now();
     let capture = Capture::load(job.capture, &job.reading).map_err(Failure::bad_input)?;
     // Before anybody waits for a reconstruction.
     criticism::chosen(job.effects, criticism::light_of(&capture)).map_err(refused)?;
@@ -172,6 +173,7 @@ pub(super) fn diagnose(
         .num_threads(job.threads)
         .build()
         .map_err(|error| Failure::failed(format!("cannot start threads: {error}")))?;
+    let mut reconstruction = 0.0;
     let simulation = match (&capture.lamps, job.reconstruction) {
         (Some(_), Some(folder)) => {
             return Err(Failure {
@@ -190,6 +192,7 @@ pub(super) fn diagnose(
         (None, Some(folder)) => Simulation::load(folder, &capture).map_err(Failure::bad_input)?,
         (None, None) => {
             report("reconstructing without occluders");
+            let reconstructing = Instant::now();
             let settings = Settings {
                 occluders: false,
                 time_limit: Some(RECONSTRUCTION * job.time_limit),
@@ -199,6 +202,7 @@ pub(super) fn diagnose(
             let Some(solved) = job.solve(&capture, &settings, &pool, stop)? else {
                 return Ok(None);
             };
+            reconstruction = reconstructing.elapsed().as_secs_f64();
             Simulation::of(&solved)
         }
     };
@@ -219,9 +223,13 @@ pub(super) fn diagnose(
     };
     // Where the lamps are known there is nothing to reconstruct.
     if capture.lamps.is_none() {
-        outcome.diagnosis.command = found::reconstruction_with(job, &outcome.diagnosis);
+        let lambertian = found::is_lambertian(&outcome);
+        outcome.diagnosis.command = found::reconstruction_with(job, &outcome.diagnosis, lambertian);
     }
     outline::draw(job, &capture, &mut outcome, (began, &pool, stop), &report);
+    let seconds = &mut outcome.diagnosis.seconds;
+    seconds.insert("reconstruction".to_owned(), reconstruction);
+    seconds.insert("total".to_owned(), began.elapsed().as_secs_f64());
     inspect(&outcome).map_err(Failure::failed)?;
     if let Some(folder) = job.out {
         page::write(folder, &outcome).map_err(Failure::failed)?;

@@ -52,10 +52,17 @@ struct Found {
     false_alarm_rate_plain: Option<f64>,
     /// The same of nulls with structure finer than the model.
     false_alarm_rate_structured: Option<f64>,
+    /// Share of plain nulls (and noisier ones) with any verdict but *nothing missing* and *underpowered*: something is said to be missing,
+    /// be it named or not.
+    any_alarm_rate_plain: Option<f64>,
+    /// The same of nulls with structure finer than the model.
+    any_alarm_rate_structured: Option<f64>,
     /// Share of captures with physics outside the table in which no effect was named.
     abstains: Option<f64>,
     /// By what was derived: named, of how many.
     by_structure: BTreeMap<&'static str, [usize; 2]>,
+    /// By what was derived: said to lack something, be it named or not, of how many.
+    any_alarm_by_structure: BTreeMap<&'static str, [usize; 2]>,
     cases: Vec<Case>,
 }
 
@@ -70,7 +77,7 @@ pub(super) fn run(
     let stop = stop_on_interrupt()?;
     let _lock = taken(&arguments.out)?;
     let style = arguments.cases.progress.style(false);
-    let (mut cases, mut by_structure) = (Vec::new(), BTreeMap::new());
+    let (mut cases, mut counts) = (Vec::new(), Counts::default());
     let mut ended = Ended::default();
     let Some(bases) = bases(arguments, stop)? else {
         return Ok(Outcome::Interrupted);
@@ -102,14 +109,12 @@ pub(super) fn run(
             if style == Style::Bar {
                 let _ = writeln!(err, "{}", case.line());
             }
-            let [named, all] = by_structure.entry(structure.id()).or_insert([0, 0]);
-            *named += usize::from(!case.found.is_empty());
-            *all += 1;
+            counts.add(structure.id(), &case);
             cases.push(case);
             ended.diagnosed += 1;
         }
     }
-    let found = Found::new(by_structure, cases);
+    let found = Found::new(counts, cases);
     let folder = Some(arguments.out.as_path());
     arguments.cases.end(out, folder, &found, Found::text, ended)
 }
@@ -188,23 +193,47 @@ fn is_filled(folder: &Path) -> bool {
     folder.join("transforms.json").is_file()
 }
 
+/// How many of all that was derived alike.
+#[derive(Default)]
+struct Counts {
+    named: BTreeMap<&'static str, [usize; 2]>,
+    alarms: BTreeMap<&'static str, [usize; 2]>,
+}
+
+impl Counts {
+    fn add(&mut self, structure: &'static str, case: &Case) {
+        let of_both = [
+            (&mut self.named, !case.found.is_empty()),
+            (&mut self.alarms, case.alarms()),
+        ];
+        for (counts, hit) in of_both {
+            let [hits, all] = counts.entry(structure).or_insert([0, 0]);
+            *hits += usize::from(hit);
+            *all += 1;
+        }
+    }
+}
+
 impl Found {
-    fn new(by_structure: BTreeMap<&'static str, [usize; 2]>, cases: Vec<Case>) -> Self {
-        let rate = |kind: Kind| {
+    fn new(counts: Counts, cases: Vec<Case>) -> Self {
+        let rate = |counts: &BTreeMap<&'static str, [usize; 2]>, kind: Kind| {
             let is = |id: &str| {
                 nulls::all()
                     .iter()
                     .any(|s| s.id() == id && s.kind() == kind)
             };
-            let own = by_structure.iter().filter(|(id, _)| is(id));
-            let [named, all] = own.fold([0, 0], |sum, (_, n)| [sum[0] + n[0], sum[1] + n[1]]);
-            (all > 0).then(|| named as f64 / all as f64)
+            let own = counts.iter().filter(|(id, _)| is(id));
+            let [hits, all] = own.fold([0, 0], |sum, (_, n)| [sum[0] + n[0], sum[1] + n[1]]);
+            (all > 0).then(|| hits as f64 / all as f64)
         };
         Self {
-            false_alarm_rate_plain: rate(Kind::Plain),
-            false_alarm_rate_structured: rate(Kind::Structured),
-            abstains: rate(Kind::Outside).map(|named| 1.0 - named),
-            by_structure,
+            false_alarm_rate_plain: rate(&counts.named, Kind::Plain),
+            false_alarm_rate_structured: rate(&counts.named, Kind::Structured),
+            any_alarm_rate_plain: rate(&counts.alarms, Kind::Plain),
+            any_alarm_rate_structured: rate(&counts.alarms, Kind::Structured),
+            abstains: rate(&counts.named, Kind::Outside).map(|named| 1.0 - named),
+            by_structure: counts.named,
+            any_alarm_by_structure: counts.alarms,
             cases,
         }
     }
@@ -220,6 +249,14 @@ impl Found {
                 "false alarms on structured nulls",
                 self.false_alarm_rate_structured,
             ),
+            (
+                "plain nulls said to lack something, named or not",
+                self.any_alarm_rate_plain,
+            ),
+            (
+                "structured nulls said to lack something, named or not",
+                self.any_alarm_rate_structured,
+            ),
             ("abstains outside the table", self.abstains),
         ] {
             if let Some(rate) = rate {
@@ -227,5 +264,31 @@ impl Found {
             }
         }
         text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::criticism::{Diagnosis, Verdict};
+
+    #[test]
+    fn what_is_said_to_lack_something_counts_whether_it_is_named_or_not() {
+        let case = |verdict| Case::new("some", &[], &Diagnosis::example(verdict, Vec::new()), None);
+        let mut counts = Counts::default();
+        counts.add("plain", &case(Verdict::NothingMissing));
+        counts.add("plain", &case(Verdict::Unexplained));
+        counts.add("fine_texture", &case(Verdict::Underpowered));
+        let found = Found::new(counts, Vec::new());
+        assert_eq!(found.false_alarm_rate_plain, Some(0.0));
+        assert_eq!(found.any_alarm_rate_plain, Some(0.5));
+        assert_eq!(found.any_alarm_rate_structured, Some(0.0));
+        assert_eq!(found.any_alarm_by_structure["plain"], [1, 2]);
+        assert_eq!(found.abstains, None);
+        assert!(
+            found
+                .text()
+                .contains("plain nulls said to lack something, named or not: 50 %")
+        );
     }
 }

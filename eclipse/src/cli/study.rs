@@ -1,6 +1,7 @@
 //! `eclipse study`: a command over many captures, scored.
 
 use std::{
+    collections::BTreeMap,
     ffi::OsString,
     io::Write,
     path::{Path, PathBuf},
@@ -12,7 +13,7 @@ use super::{
     Failure, Outcome,
     cases::{CaseArguments, Ended},
     diagnose,
-    labels::{EXPECTED, MAX_LABELS, parse_labels},
+    labels::{EXPECTED, Label, MAX_LABELS, parse_labels},
     nulls::{self, NullsArguments},
     shown::ProgressArguments,
     stop_on_interrupt,
@@ -77,6 +78,23 @@ impl StudyArguments {
     }
 }
 
+/// Folders in that of the captures that no label is of, nor lies in; in order.
+fn unlabelled(captures: &Path, labels: &BTreeMap<String, Label>) -> Vec<String> {
+    let labelled = |name: &str| {
+        let mut known = labels.keys();
+        known.any(|label| Path::new(label).starts_with(name))
+    };
+    // A folder that cannot be listed has no captures either, which the labels will tell.
+    let entries = std::fs::read_dir(captures).into_iter().flatten().flatten();
+    let folders = entries.filter(|entry| entry.path().is_dir());
+    let names = folders.map(|entry| entry.file_name().to_string_lossy().into_owned());
+    let mut names: Vec<String> = names
+        .filter(|name| !name.starts_with('.') && !labelled(name))
+        .collect();
+    names.sort_unstable();
+    names
+}
+
 /// Runs what was typed as `typed`.
 pub(super) fn run(
     arguments: &StudyArguments,
@@ -102,6 +120,17 @@ pub(super) fn run(
     let style = arguments.cases.progress.style(false);
     let lines = Lines::default();
     let (mut cases, mut ended) = (Vec::new(), Ended::default());
+    let wanted = |name: &str| {
+        let part = arguments.only.as_ref();
+        part.is_none_or(|part| name.contains(part))
+    };
+    for name in unlabelled(&arguments.captures, &labels) {
+        let folder = Some(arguments.captures.join(&name));
+        let ours = folder == arguments.out || folder == arguments.reconstructions;
+        if wanted(&name) && !ours {
+            ended.skip(&name, "the labels do not name it", style, err);
+        }
+    }
     for (index, (name, label)) in labels.iter().enumerate() {
         if style == Style::Lines {
             lines.tell(&Event {
@@ -110,12 +139,12 @@ pub(super) fn run(
                 ..Event::stage(name)
             });
         }
-        let wanted = arguments
-            .only
-            .as_ref()
-            .is_none_or(|part| name.contains(part));
         let folder = arguments.captures.join(name);
-        if !wanted || !folder.is_dir() {
+        if !wanted(name) {
+            continue;
+        }
+        if !folder.is_dir() {
+            ended.skip(name, "there is no such folder", style, err);
             continue;
         }
         let own = |base: &Option<PathBuf>| base.as_ref().map(|base| base.join(name));

@@ -36,6 +36,8 @@ pub struct Step<'a> {
     pub fit: &'a Fit,
     /// What sealed data gain.
     pub gain: Gain,
+    /// Effects of its round that sealed data refused before it.
+    pub refused: Vec<&'static str>,
 }
 
 /// Asks the sealed data: of every round the best refit and, where they refuse it, the next best at a stricter level. Later rounds
@@ -77,14 +79,20 @@ pub fn open<'a>(
             opened.unknown = confirmed.then_some(*id);
             break;
         }
-        let mut stood = None;
+        let (mut stood, mut refused) = (None, Vec::new());
         for (rank, (choice, fit)) in round.standing.iter().enumerate() {
             let (gain, confirmed) = ask(choice.score.id, fit, SEALED_LEVEL / (rank + 1) as f64)?;
             if confirmed {
                 stood = Some(rank);
-                opened.path.push(Step { choice, fit, gain });
+                opened.path.push(Step {
+                    choice,
+                    fit,
+                    gain,
+                    refused,
+                });
                 break;
             }
+            refused.push(choice.score.id);
             opened.refused |= gain.gain > 0.0;
         }
         if stood != Some(0) {

@@ -14,10 +14,12 @@ use super::{
     refit::{self, Round},
     score::{Screen, screen},
     sealed::{Judge, Noise},
+    sentence::sentence,
+    separate::separate_by,
     silhouette::Silhouettes,
     simulation::Simulation,
     study::{Study, StudyError},
-    told::{finding, moved, ranked, shared_exponent},
+    told::{assumptions, finding, moved, put_first, ranked, shared_exponent},
     verdict::{self, Grounds},
 };
 use crate::capture::Capture;
@@ -181,7 +183,7 @@ pub fn diagnose<'a>(
     let findings: Vec<Finding> = opened
         .path
         .iter()
-        .map(|step| finding(step.choice, after, step.gain, &errors))
+        .map(|step| finding(step, after, &errors))
         .collect();
     let findings = apart(findings);
     let all_shared = after.is_shared();
@@ -214,13 +216,16 @@ pub fn diagnose<'a>(
     let last = opened.path.last().and_then(|step| place(&rounds, step.fit));
     let (before, after) = ends(&study, first, rounds, last)?;
     seconds.insert("all".to_owned(), began.elapsed().as_secs_f64());
+    // Of what is not explained there is a map, never a name.
+    let (effects, unnamed) = match verdict {
+        Verdict::Unexplained => (Vec::new(), findings.len()),
+        _ => (findings, 0),
+    };
     let mut diagnosis = Diagnosis {
         verdict,
-        // Of what is not explained there is a map, never a name.
-        effects: match verdict {
-            Verdict::Unexplained => Vec::new(),
-            _ => findings,
-        },
+        separate_by: separate_by(&effects),
+        effects,
+        unnamed,
         shared_exponent: None,
         occluders: silhouettes.as_ref().map(|s| s.told.clone()),
         looks_like,
@@ -244,7 +249,7 @@ pub fn diagnose<'a>(
         axes,
         seconds,
     };
-    diagnosis.sentence = verdict::sentence(&diagnosis);
+    diagnosis.sentence = sentence(&diagnosis);
     diagnosis.shared_exponent = shared_exponent(&diagnosis.effects);
     Ok(Outcome {
         diagnosis,
@@ -297,31 +302,6 @@ fn ends(
     Ok((before, after))
 }
 
-/// What was taken for granted.
-fn assumptions(capture: &Capture, light: Light, study: &Study<'_>) -> Vec<String> {
-    let mut all = Vec::new();
-    if light == Light::Lamps {
-        all.push("One distant lamp a frame, with the direction and the strength that the capture says, and no other light.".into());
-        let ball = capture.lamps.as_ref().is_some_and(|lamps| lamps.ball);
-        all.push(format!(
-            "A Lambertian surface of the given shape{}. Its albedo is free in every place, smooth but for what the places' scatter \
-             says; one scale, by colour, is free for all lamps together.",
-            if ball {
-                ", a ball, dark where it turns away from the lamp"
-            } else {
-                ", which casts shadows on itself"
-            }
-        ));
-    }
-    if study.seen.eight_bits {
-        all.push(
-            "The photographs hold 256 levels at most: rounding to them counts as noise. PNG and JPEG files are read as sRGB unless \
-             the capture's `color_encoding` says otherwise; where that is wrong, response_curve tells.".into(),
-        );
-    }
-    all
-}
-
 /// What is known of a capture's light.
 pub fn light_of(capture: &Capture) -> Light {
     match capture.lamps {
@@ -370,12 +350,6 @@ pub fn chosen(names: &[String], light: Light) -> Result<Vec<&'static dyn Effect>
         .filter(|e| e.under(light))
         .filter(|e| names.is_empty() || e.is_capacity() || names.iter().any(|n| n == e.id()))
         .collect())
-}
-
-/// Puts what was refitted before the rest, in the order of the refits' evidence.
-fn put_first(ranking: &mut [Ranked], evidence: &[(&'static str, f64)]) {
-    let place = |id: &str| evidence.iter().position(|(other, _)| *other == id);
-    ranking.sort_by_key(|r| place(r.id).unwrap_or(evidence.len()));
 }
 
 /// Why a diagnosis could not be made.

@@ -43,6 +43,8 @@ pub struct Finding {
     pub survival: f64,
     /// Relative size in the image (RMS).
     pub size: f64,
+    /// Its standard error by those of the numbers, taken as independent.
+    pub size_se: f64,
     /// Relative size that would have been found.
     pub minimum_detectable: f64,
     /// Effects that explain the data as well.
@@ -55,7 +57,7 @@ pub struct Finding {
 #[cfg(test)]
 impl Finding {
     /// One whose numbers do not matter, for tests of what is told.
-    pub(super) fn example(id: &'static str, ambiguous_with: Vec<&'static str>) -> Self {
+    pub(crate) fn example(id: &'static str, ambiguous_with: Vec<&'static str>) -> Self {
         Self {
             id,
             parameters: BTreeMap::new(),
@@ -65,6 +67,7 @@ impl Finding {
             p_holm: 1e-6,
             survival: 0.5,
             size: 0.02,
+            size_se: 0.001,
             minimum_detectable: 0.001,
             ambiguous_with,
             place: BTreeMap::new(),
@@ -85,12 +88,16 @@ pub struct Ranked {
     pub p: f64,
     /// Relative size in the image.
     pub size: f64,
+    /// Its standard error by those of the numbers, taken as independent.
+    pub size_se: f64,
     /// Share of its signal that survives.
     pub survival: f64,
     /// Size that would be found.
     pub minimum_detectable: f64,
     /// Whether it is capacity rather than physics.
     pub capacity: bool,
+    /// Evidence of its refit in the first round, which decides its place in the ranking; absent where there was none.
+    pub evidence: Option<f64>,
 }
 
 /// A refit with one effect more.
@@ -164,17 +171,23 @@ pub struct Diagnosis {
     pub verdict: Verdict,
     /// What was added to the model, in order.
     pub effects: Vec<Finding>,
+    /// Effects in the last model that have no name here, since the verdict is that they explain too little: all that is said of `after`,
+    /// and `unexplained_fraction`, includes what they do.
+    pub unnamed: usize,
+    /// Further photographs that would tell apart effects that explain the data equally well, a line an effect; empty where none are.
+    pub separate_by: Vec<String>,
     /// What is known of the effects' sizes only together, in a sentence.
     pub shared_exponent: Option<String>,
     /// The occluders of the last model, if it has any; a map of each frame is in `occluders.exr`.
     pub occluders: Option<Occluders>,
-    /// A stand-in for physics that has no name here and does better than all that has one.
+    /// A stand-in for physics that has no name here and does better than all that has one, or than all that could be added to what was
+    /// found.
     pub looks_like: Option<&'static str>,
-    /// The first screening, best first.
+    /// The first screening: what was refitted, in the order of its refits' evidence, then the others by their gain.
     pub ranking: Vec<Ranked>,
     /// Errors on sealed data.
     pub sealed: Sealed,
-    /// Share of the structured mismatch that is left.
+    /// Share of the structured mismatch that the last model leaves.
     pub unexplained_fraction: f64,
     /// Where the first model is off.
     pub hot_spots: Vec<HotSpot>,
@@ -198,6 +211,63 @@ pub struct Diagnosis {
     pub background: [f64; 2],
     /// Mean residuals along axes.
     pub axes: Vec<Axis>,
-    /// Seconds each part took.
+    /// Seconds each part took: `all` of the diagnosis proper, its parts among it (`baseline`, `screen 1`, `refits 1`, …). The command
+    /// adds `reconstruction`, that of the simulation (0 where there was nothing to reconstruct, or a reconstruction was given),
+    /// `outline` where there is one, and `total`, from its beginning until files are written.
     pub seconds: BTreeMap<String, f64>,
+}
+
+#[cfg(test)]
+impl Diagnosis {
+    /// One with this outcome, for tests of what is told.
+    pub(crate) fn example(verdict: Verdict, effects: Vec<Finding>) -> Self {
+        Self {
+            verdict,
+            effects,
+            unnamed: 0,
+            separate_by: Vec::new(),
+            shared_exponent: None,
+            occluders: None,
+            looks_like: None,
+            ranking: Vec::new(),
+            sealed: Sealed {
+                chi2_before: 3.0,
+                chi2_after: 1.1,
+                rmse_before: 0.03,
+                rmse_after: 0.01,
+            },
+            unexplained_fraction: 0.05,
+            hot_spots: Vec::new(),
+            hot_spots_after: Vec::new(),
+            sentence: String::new(),
+            refits: Vec::new(),
+            baselines: BTreeMap::new(),
+            moved: BTreeMap::new(),
+            command: None,
+            assumptions: Vec::new(),
+            structured: [2.0, 0.1],
+            background: [0.0; 2],
+            axes: Vec::new(),
+            seconds: BTreeMap::new(),
+        }
+    }
+}
+
+#[cfg(test)]
+impl Ranked {
+    /// One whose numbers do not matter, for tests of what is told.
+    pub(crate) fn example(id: &'static str) -> Self {
+        Self {
+            id,
+            gain: 50.0,
+            gain_se: 10.0,
+            p: 1e-4,
+            size: 0.01,
+            size_se: 0.002,
+            survival: 0.5,
+            minimum_detectable: 0.006,
+            capacity: false,
+            evidence: None,
+        }
+    }
 }

@@ -4,7 +4,7 @@ use super::{
     chain::Chain,
     fit::{Fit, FitError},
     linear::{Cholesky, inner},
-    split::{Role, frame_sealed},
+    split::Role,
     study::Study,
 };
 
@@ -41,7 +41,7 @@ impl FrameNumbers {
         chain.bind(&fit.ideal, &betas)?;
         for (l, link) in chain.links().to_vec().iter().enumerate() {
             for (k, term) in link.terms.iter().enumerate() {
-                let sealed = |frame: &u32| frame_sealed(*frame, study.seen.frames);
+                let sealed = |frame: &u32| study.frame_is_sealed(*frame);
                 if let Some(frame) = term.frame.filter(sealed) {
                     let scale = term.scale as f32;
                     let change = chain.column(l, k)?.iter().map(|x| scale * x).collect();

@@ -5,7 +5,6 @@ use serde::Serialize;
 use super::{
     fit::Fit,
     neighbours::{self, shared},
-    split::frame_sealed,
     statistics::{discoveries, normal_tail},
     study::Study,
 };
@@ -40,6 +39,11 @@ impl HotSpot {
         let [left, top, right, bottom] = self.pixels;
         [0.5 * (left + right), 0.5 * (top + bottom)]
     }
+
+    /// Standard error of the relative residual.
+    pub fn relative_error(&self) -> f64 {
+        (self.relative / self.sigma).abs()
+    }
 }
 
 /// Parts of frames with significant mean residual (Benjamini and Hochberg at 1 %), largest first; of frames that were sealed only where
@@ -49,7 +53,7 @@ pub fn hot_spots(study: &Study<'_>, fit: &Fit, most: usize) -> Vec<HotSpot> {
     let patches = study.seen.patches;
     let scale = fit.inflation;
     let all_known = fit.is_shared();
-    let known = |frame: u32| all_known || !frame_sealed(frame, study.seen.frames);
+    let known = |frame: u32| all_known || !study.frame_is_sealed(frame);
     // Mean over the colours and the views of each (frame, patch).
     let mut cells: Vec<(f64, f64, f64, Vec<usize>)> =
         vec![(0.0, 0.0, 0.0, Vec::new()); patches * study.seen.frames];

@@ -40,12 +40,25 @@ pub struct Score {
     pub survival: f64,
     /// Relative size of the effect in the object's image, RMS.
     pub size: f64,
+    /// Change of the size by each of the numbers.
+    pub size_slopes: Vec<f64>,
     /// The size that would be found (three standard errors).
     pub minimum_detectable: f64,
     /// Names of the numbers.
     pub names: Vec<String>,
     /// Frames of the numbers that belong to one.
     pub frames: Vec<Option<u32>>,
+}
+
+impl Score {
+    /// Standard error of the size, where the numbers have these and are independent.
+    pub fn size_error(&self, errors: &[f64]) -> f64 {
+        let parts = self.size_slopes.iter().zip(errors);
+        parts
+            .map(|(slope, error)| (slope * error).powi(2))
+            .sum::<f64>()
+            .sqrt()
+    }
 }
 
 /// All candidates' scores, best first, and the squared error before.
@@ -264,17 +277,15 @@ fn score(
     let used: Vec<f64> = blocks.iter().copied().filter(|b| *b != 0.0).collect();
     let (gain, gain_se) = paired(&used);
     let views = candidate.unit_size.first().map_or(0, Vec::len);
+    let changes = |beta: &[f64]| -> Vec<f64> {
+        let change = |v: usize| -> f64 {
+            let parts = beta.iter().zip(&candidate.unit_size);
+            parts.map(|(b, size)| b * f64::from(size[v])).sum()
+        };
+        (0..views).map(change).collect()
+    };
     let rms = |beta: &[f64]| {
-        let squares: f64 = (0..views)
-            .map(|v| {
-                let change: f64 = beta
-                    .iter()
-                    .zip(&candidate.unit_size)
-                    .map(|(b, size)| b * f64::from(size[v]))
-                    .sum();
-                change * change
-            })
-            .sum();
+        let squares: f64 = changes(beta).iter().map(|change| change * change).sum();
         (squares / views.max(1) as f64).sqrt()
     };
     let scaled = |values: &[f64]| -> Vec<f64> {
@@ -292,6 +303,13 @@ fn score(
         .sum::<f64>()
         .sqrt();
     let size = rms(beta);
+    let whole = changes(beta);
+    let slope = |(unit, term): (&Vec<f32>, &Term)| {
+        let along: f64 = whole.iter().zip(unit).map(|(c, u)| c * f64::from(*u)).sum();
+        along / (views.max(1) as f64 * size * term.scale).max(1e-300)
+    };
+    let units = candidate.unit_size.iter().zip(&candidate.terms);
+    let size_slopes = units.map(slope).collect();
     let minimum_detectable = if strength > 0.0 {
         3.0 * size / strength
     } else {
@@ -313,6 +331,7 @@ fn score(
         standard_error: scaled(error),
         survival,
         size,
+        size_slopes,
         minimum_detectable,
         names: candidate.terms.iter().map(|t| t.name.clone()).collect(),
         frames: candidate.terms.iter().map(|t| t.frame).collect(),

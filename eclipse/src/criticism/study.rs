@@ -12,7 +12,7 @@ use super::{
     light::LightModel,
     observe::Observations,
     simulation::Simulation,
-    split::{Role, dark_role, role},
+    split::{Role, dark_role, frame_sealed, role},
     transport::{Lobe, Transport},
 };
 use crate::{capture::Capture, reconstruct::noise, reconstruction::Noise};
@@ -50,6 +50,8 @@ pub struct Study<'a> {
     pub radius: f32,
     texture: Arc<Bumps>,
     given: Option<Given>,
+    /// The frames among which some are sealed: none under known lamps.
+    parted: usize,
 }
 
 impl<'a> Study<'a> {
@@ -89,17 +91,17 @@ impl<'a> Study<'a> {
             }
         };
         // A frame's lamp is its own affair: under known lamps every frame takes part, and patches alone are sealed.
-        let frames = if capture.lamps.is_some() {
+        let parted = if capture.lamps.is_some() {
             0
         } else {
             seen.frames
         };
         let role = (0..seen.len())
             .map(|i| match seen.views.get(i) {
-                Some(view) => role(seen.sites[view.site as usize].place, view.frame, frames),
+                Some(view) => role(seen.sites[view.site as usize].place, view.frame, parted),
                 None => {
                     let dark = &seen.dark[i - seen.views.len()];
-                    dark_role(dark.patch, dark.frame, frames)
+                    dark_role(dark.patch, dark.frame, parted)
                 }
             })
             .collect();
@@ -120,6 +122,7 @@ impl<'a> Study<'a> {
             radius: capture.mesh.bounding_radius(),
             texture: Arc::new(Bumps::texture(&positions)),
             given: Given::new(&simulation.occluders),
+            parted,
             seen,
             bvh,
         })
@@ -169,6 +172,16 @@ impl<'a> Study<'a> {
     /// Whether an observation takes part in fits, and may tell its site's own albedo.
     pub fn develops(&self, i: usize) -> bool {
         matches!(self.role[i], Role::Development(_))
+    }
+
+    /// Whether no fit sees a frame: every frame takes part in captures of a few, and under known lamps.
+    pub fn frame_is_sealed(&self, frame: u32) -> bool {
+        frame_sealed(frame, self.parted)
+    }
+
+    /// Whether any frame is set aside.
+    pub fn seals_frames(&self) -> bool {
+        (0..self.parted as u32).any(|frame| self.frame_is_sealed(frame))
     }
 
     /// Whether the albedo of a view's site was fitted: on sealed patches and in gutters it was not, and what differs there is mostly

@@ -4,13 +4,17 @@ use super::Job;
 use crate::{
     capture::UpAxis,
     cli::{arguments::ColorName, units},
-    criticism::{Diagnosis, effects},
+    criticism::{Diagnosis, Outcome, diagnosis::Finding, effects},
     joint,
 };
 
 /// The command that reconstructs with what was found: effects of the camera fitted jointly, occluders if somebody moves in the
-/// light; `None` where a reconstruction can do nothing about it.
-pub(super) fn reconstruction_with(job: &Job<'_>, d: &Diagnosis) -> Option<String> {
+/// light, a surface without gloss where `lambertian` says so; `None` where a reconstruction can do nothing about it.
+pub(super) fn reconstruction_with(
+    job: &Job<'_>,
+    d: &Diagnosis,
+    lambertian: bool,
+) -> Option<String> {
     let with = of_the_camera(d);
     let somebody = somebody_found(d);
     if with.is_empty() && !somebody {
@@ -35,6 +39,9 @@ pub(super) fn reconstruction_with(job: &Job<'_>, d: &Diagnosis) -> Option<String
     if let Some(side) = job.reading.max_size {
         command += &format!(" --max-size {side}");
     }
+    if lambertian {
+        command += " --lambertian";
+    }
     if !somebody {
         command += " --no-occluders";
     }
@@ -42,6 +49,12 @@ pub(super) fn reconstruction_with(job: &Job<'_>, d: &Diagnosis) -> Option<String
         command += &format!(" --with {}", with.join(","));
     }
     Some(command)
+}
+
+/// Whether a reconstruction should have no gloss: the first model had none, and none was found.
+pub(super) fn is_lambertian(outcome: &Outcome<'_>) -> bool {
+    let gloss = |f: &Finding| f.id == "specular_lobe";
+    outcome.before.lobe.is_none() && !outcome.diagnosis.effects.iter().any(gloss)
 }
 
 /// Effects that were found and that a reconstruction can fit jointly.
@@ -56,4 +69,43 @@ pub(super) fn of_the_camera(d: &Diagnosis) -> Vec<String> {
 /// Whether somebody was found in the light.
 pub(super) fn somebody_found(d: &Diagnosis) -> bool {
     d.effects.iter().any(|f| f.id == joint::OCCLUDER)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::{capture::LoadOptions, criticism::Verdict, progress::Style};
+
+    #[test]
+    fn the_command_keeps_what_was_known_of_the_surface() {
+        let job = Job {
+            capture: Path::new("my capture"),
+            reconstruction: None,
+            out: None,
+            time_limit: 60.0,
+            effects: &[],
+            reading: LoadOptions::default(),
+            seed: 0,
+            threads: 1,
+            style: Style::Hidden,
+        };
+        let found = vec![Finding::example("vignetting", Vec::new())];
+        let mut d = Diagnosis::example(Verdict::Explained, found);
+        let command = |d: &Diagnosis, lambertian| reconstruction_with(&job, d, lambertian);
+        let glossy = command(&d, false).unwrap();
+        assert!(glossy.starts_with("eclipse reconstruct "), "{glossy}");
+        assert!(
+            glossy.ends_with(" --no-occluders --with vignetting"),
+            "{glossy}"
+        );
+        let matte = command(&d, true).unwrap();
+        assert!(
+            matte.ends_with(" --lambertian --no-occluders --with vignetting"),
+            "{matte}"
+        );
+        d.effects = vec![Finding::example("defocus", Vec::new())];
+        assert_eq!(command(&d, true), None);
+    }
 }

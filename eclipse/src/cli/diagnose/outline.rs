@@ -61,7 +61,7 @@ fn reconstructed(
     let settings = Settings {
         time_limit: Some(seconds),
         with: found::of_the_camera(&outcome.diagnosis),
-        lambertian: outcome.before.lobe.is_none(),
+        lambertian: found::is_lambertian(outcome),
         ..job.settings()
     };
     let solved = job.solve(capture, &settings, pool, stop)?;

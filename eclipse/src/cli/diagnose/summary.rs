@@ -4,6 +4,9 @@ use std::path::Path;
 
 use crate::criticism::{Diagnosis, diagnosis::Finding};
 
+/// Effects of the ranking that are shown.
+const SHOWN_EFFECTS: usize = 8;
+
 /// The sentence, the ranking and the numbers of what was found.
 pub(super) fn summary(d: &Diagnosis, folder: &Path) -> String {
     let mut text = format!("{}\n\n", d.sentence);
@@ -11,7 +14,7 @@ pub(super) fn summary(d: &Diagnosis, folder: &Path) -> String {
         "{:18} {:>10} {:>9} {:>9} {:>8} {:>9}\n",
         "effect", "gain", "± s.e.", "p", "size", "survival"
     );
-    for r in d.ranking.iter().take(8) {
+    for r in d.ranking.iter().take(SHOWN_EFFECTS) {
         text += &format!(
             "{:18} {:>10.0} {:>9.0} {:>9.1e} {:>7.2}% {:>9.2}{}\n",
             r.id,
@@ -21,6 +24,12 @@ pub(super) fn summary(d: &Diagnosis, folder: &Path) -> String {
             100.0 * r.size,
             r.survival,
             if r.capacity { "  (capacity)" } else { "" }
+        );
+    }
+    let refitted = d.ranking.iter().filter(|r| r.evidence.is_some()).count();
+    if refitted > 0 {
+        text += &format!(
+            "(the first {refitted} by the evidence of their refits, the others by gain)\n"
         );
     }
     for finding in &d.effects {

@@ -32,6 +32,9 @@ impl Effect for AmbientLight {
     fn confused_with(&self) -> &'static [&'static str] {
         &["emission", "black_level", "veiling_glare", "response_curve"]
     }
+    fn shown_by(&self) -> &'static str {
+        "take one photograph with all lamps off: what is still lit is lit by the room"
+    }
     fn under(&self, light: Light) -> bool {
         light == Light::Lamps
     }

@@ -19,6 +19,9 @@ impl Effect for BlackLevel {
     fn confused_with(&self) -> &'static [&'static str] {
         &["veiling_glare", "emission", "medium"]
     }
+    fn shown_by(&self) -> &'static str {
+        "take one photograph with the lens covered: what it holds is the sensor's"
+    }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         let scale = 0.05 * f64::from(scene.typical());
         ["red", "green", "blue"]

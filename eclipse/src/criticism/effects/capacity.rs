@@ -38,6 +38,9 @@ impl Effect for FinerAlbedo {
     fn confused_with(&self) -> &'static [&'static str] {
         &["emission", "normal_error", "interreflection"]
     }
+    fn shown_by(&self) -> &'static str {
+        "take a photograph from nearer: texture that the model has no room for is then as large as its places"
+    }
     fn under(&self, _light: Light) -> bool {
         true
     }
@@ -72,6 +75,9 @@ impl Effect for FinerEnvironment {
     }
     fn confused_with(&self) -> &'static [&'static str] {
         &["near_field_light", "normal_error", "specular_lobe"]
+    }
+    fn shown_by(&self) -> &'static str {
+        "photograph a mirror ball in place of the object: its image is the light"
     }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         // The brightest texels of the model may be brighter or darker each on their own: fine detail is where light is.
@@ -112,6 +118,9 @@ impl Effect for FinerOccluders {
     }
     fn confused_with(&self) -> &'static [&'static str] {
         &["exposure_drift", "moving_occluder", "moving_light"]
+    }
+    fn shown_by(&self) -> &'static str {
+        "put a mirror ball beside the object in every frame: it shows who stands where"
     }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         // Six parts of the sky in every frame.
@@ -167,6 +176,9 @@ impl Effect for FinerLamps {
     }
     fn confused_with(&self) -> &'static [&'static str] {
         &["lamp_direction", "exposure_drift", "near_field_light"]
+    }
+    fn shown_by(&self) -> &'static str {
+        "photograph a white board in place of the object under every lamp: how the light varies over it is the lamp's"
     }
     fn under(&self, light: Light) -> bool {
         light == Light::Lamps

@@ -24,6 +24,9 @@ impl Effect for Clipping {
     fn confused_with(&self) -> &'static [&'static str] {
         &["response_curve", "specular_lobe"]
     }
+    fn shown_by(&self) -> &'static str {
+        "take one view again at a third of the exposure: values that were cut off come back"
+    }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         let mut values: Vec<f32> = scene
             .capture

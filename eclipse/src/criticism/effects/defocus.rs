@@ -29,6 +29,9 @@ impl Effect for Defocus {
             "translucency",
         ]
     }
+    fn shown_by(&self) -> &'static str {
+        "take the same views at a smaller aperture from a tripod: blur of the lens shrinks"
+    }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         [1.0f32, 2.0]
             .into_iter()

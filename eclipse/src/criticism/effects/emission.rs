@@ -27,6 +27,9 @@ impl Effect for Emission {
             "translucency",
         ]
     }
+    fn shown_by(&self) -> &'static str {
+        "take one view in the dark: what can still be seen glows"
+    }
     fn under(&self, _light: Light) -> bool {
         true
     }

@@ -28,6 +28,9 @@ impl Effect for ExposureDrift {
     fn confused_with(&self) -> &'static [&'static str] {
         &["moving_occluder", "moving_light", "response_curve"]
     }
+    fn shown_by(&self) -> &'static str {
+        "take the same views with exposure and white balance locked, or with a gray card in each that nothing shades"
+    }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         (0..scene.seen.frames as u32)
             .flat_map(|t| {

@@ -29,6 +29,9 @@ impl Effect for GroundBounce {
     fn confused_with(&self) -> &'static [&'static str] {
         &["near_field_light", "interreflection", "finer_environment"]
     }
+    fn shown_by(&self) -> &'static str {
+        "take the same views with black cloth under the object: light from the ground goes, all other light stays"
+    }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         let Some(grid) = scene.horizon.grid() else {
             return Vec::new();

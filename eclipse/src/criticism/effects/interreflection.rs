@@ -26,6 +26,9 @@ impl Effect for Interreflection {
     fn confused_with(&self) -> &'static [&'static str] {
         &["emission", "finer_albedo", "ground_bounce"]
     }
+    fn shown_by(&self) -> &'static str {
+        "light the object from one side so that one wall of a hollow is lit and the other is not: what the dark one shows comes from the object"
+    }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         let light = reflected(scene);
         let field = scene.on_views(|v| {

@@ -26,6 +26,9 @@ impl Effect for LampDirection {
     fn confused_with(&self) -> &'static [&'static str] {
         &["response_curve", "near_field_light", "normal_error"]
     }
+    fn shown_by(&self) -> &'static str {
+        "put a mirror ball beside the object in every frame: the lamp's image on it says where it stands"
+    }
     fn under(&self, light: Light) -> bool {
         light == Light::Lamps
     }

@@ -21,6 +21,9 @@ impl Effect for Medium {
     fn confused_with(&self) -> &'static [&'static str] {
         &["vignetting", "black_level", "veiling_glare"]
     }
+    fn shown_by(&self) -> &'static str {
+        "photograph the object in the middle of the image from twice the distance: haze doubles"
+    }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         let mut distances: Vec<f64> = (0..scene.seen.views.len())
             .map(|v| f64::from(scene.seen.distance(&scene.seen.views[v])))

@@ -145,6 +145,11 @@ pub trait Effect: Sync {
     }
     /// What it is mistaken for most easily.
     fn confused_with(&self) -> &'static [&'static str];
+    /// What further photograph, or what care in taking them, shows whether it is there, whatever it is mistaken for; nothing for stand-ins
+    /// that have no name of their own.
+    fn shown_by(&self) -> &'static str {
+        ""
+    }
     /// Whether it is no physics but more freedom for what the model has already.
     fn is_capacity(&self) -> bool {
         self.stands_for_unknown()

@@ -26,6 +26,9 @@ impl Effect for MovingLight {
     fn confused_with(&self) -> &'static [&'static str] {
         &["moving_occluder", "exposure_drift"]
     }
+    fn shown_by(&self) -> &'static str {
+        "take the first view again at the end, exposure locked: what has changed is the light"
+    }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         let Some(grid) = scene.horizon.grid() else {
             return Vec::new();

@@ -31,6 +31,9 @@ impl Effect for MovingOccluder {
     fn confused_with(&self) -> &'static [&'static str] {
         &["exposure_drift", "moving_light", "occluder_bounce"]
     }
+    fn shown_by(&self) -> &'static str {
+        "take the same views with nobody near, by a timer or from behind a screen: where nobody stands nothing is darker"
+    }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         let opacity: Vec<f32> = scene.numbers(self.id()).iter().map(|b| *b as f32).collect();
         let left = |k: usize| 1.0 - opacity.get(k).copied().unwrap_or(0.0);

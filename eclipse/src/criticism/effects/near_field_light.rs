@@ -30,6 +30,9 @@ impl Effect for NearFieldLight {
     fn confused_with(&self) -> &'static [&'static str] {
         &["finer_environment", "finer_albedo", "ground_bounce"]
     }
+    fn shown_by(&self) -> &'static str {
+        "move the object by its own width and leave the lights: light from near by changes, light from afar does not"
+    }
     fn under(&self, _light: Light) -> bool {
         true
     }

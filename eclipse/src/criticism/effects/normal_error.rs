@@ -31,6 +31,9 @@ impl Effect for NormalError {
     fn confused_with(&self) -> &'static [&'static str] {
         &["finer_albedo", "finer_environment", "pose_error"]
     }
+    fn shown_by(&self) -> &'static str {
+        "turn the object under the same light, or measure its shape again: a wrong shape moves with the object and follows the light, albedo does not"
+    }
     fn under(&self, _light: Light) -> bool {
         true
     }

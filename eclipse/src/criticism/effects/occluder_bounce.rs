@@ -28,6 +28,9 @@ impl Effect for OccluderBounce {
     fn confused_with(&self) -> &'static [&'static str] {
         &["exposure_drift", "moving_occluder"]
     }
+    fn shown_by(&self) -> &'static str {
+        "take the same views in black clothes, then in white ones: light that a body sends grows with its albedo, its shadow does not"
+    }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         let texels = scene.radiance.len() / 3;
         // In units of the mean radiance of the environment, with its colour.

@@ -23,6 +23,9 @@ impl Effect for PoseError {
     fn confused_with(&self) -> &'static [&'static str] {
         &["finer_albedo", "defocus", "normal_error"]
     }
+    fn shown_by(&self) -> &'static str {
+        "put a board with markers beside the object and find the cameras anew from it: poses that were wrong change"
+    }
     fn under(&self, _light: Light) -> bool {
         true
     }

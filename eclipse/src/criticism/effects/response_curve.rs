@@ -24,6 +24,9 @@ impl Effect for ResponseCurve {
     fn confused_with(&self) -> &'static [&'static str] {
         &["clipping", "finer_albedo", "specular_lobe", "emission"]
     }
+    fn shown_by(&self) -> &'static str {
+        "take one view at three exposures from a tripod, or as a raw file: values that are not in proportion to the exposure are the curve's"
+    }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         // The field holds ln I₀: light at which nothing changes.
         let log = scene.typical().ln();

@@ -25,6 +25,9 @@ impl Effect for SpecularLobe {
     fn confused_with(&self) -> &'static [&'static str] {
         &["finer_environment", "response_curve", "clipping"]
     }
+    fn shown_by(&self) -> &'static str {
+        "take one view through a polarising filter at two angles: gloss changes with the angle, what is diffuse does not"
+    }
     fn under(&self, _light: Light) -> bool {
         true
     }

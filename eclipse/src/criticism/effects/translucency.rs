@@ -21,6 +21,9 @@ impl Effect for Translucency {
     fn confused_with(&self) -> &'static [&'static str] {
         &["finer_albedo", "defocus", "emission"]
     }
+    fn shown_by(&self) -> &'static str {
+        "cast a sharp shadow across the object: light beneath the surface blurs its edge, while texture stays sharp"
+    }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         let sites = &scene.seen.sites;
         let arriving: Vec<[f32; 3]> = (0..sites.len())

@@ -34,6 +34,9 @@ impl Effect for VeilingGlare {
     fn confused_with(&self) -> &'static [&'static str] {
         &["black_level", "defocus", "medium"]
     }
+    fn shown_by(&self) -> &'static str {
+        "take one view again with all that is bright around the object covered in black cloth: scattered light goes with it"
+    }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         VEILS
             .into_iter()

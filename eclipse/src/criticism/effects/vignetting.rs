@@ -23,6 +23,9 @@ impl Effect for Vignetting {
     fn confused_with(&self) -> &'static [&'static str] {
         &["medium", "near_field_light", "veiling_glare"]
     }
+    fn shown_by(&self) -> &'static str {
+        "photograph the object near the image's edges and corners from the same distance: a falloff follows the image"
+    }
     fn terms(&self, scene: &Scene<'_>) -> Vec<Term> {
         let squared = |i: usize| {
             let camera = &scene.capture.frames[scene.seen.frame(i) as usize].camera;
