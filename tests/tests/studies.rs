@@ -126,10 +126,18 @@ fn an_occluder_tells_matt_from_mirror() {
     assert!(without[1] < 0.03, "{without:?}");
     assert!(with[0] > 5.0 * without[1], "{without:?} {with:?}");
     // What an occluder does to the mirror is not twice what it does to the matt sphere in every seed, and the page says so.
-    let change = |of: &str| summary["numbers"]["change_by_occluder"][of][0].as_f64().unwrap();
+    let change = |of: &str| {
+        summary["numbers"]["change_by_occluder"][of][0]
+            .as_f64()
+            .unwrap()
+    };
     assert!(change("mirror") > change("matt"));
     let said = summary["sentence"].as_str().unwrap();
-    assert_eq!(summary["verdict"] == "held", !said.contains("But "), "{said}");
+    assert_eq!(
+        summary["verdict"] == "held",
+        !said.contains("But "),
+        "{said}"
+    );
 }
 
 #[test]
@@ -344,9 +352,15 @@ fn studies_that_no_capture_is_needed_for_run_at_a_glance() {
         complete_with(name, &summary, &out, 1);
         let sentence = summary["sentence"].as_str().unwrap();
         let details = summary["details"].as_array().unwrap().iter();
-        let all: Vec<&str> = details.filter_map(Value::as_str).chain([sentence]).collect();
+        let all: Vec<&str> = details
+            .filter_map(Value::as_str)
+            .chain([sentence])
+            .collect();
         for said in said {
-            assert!(all.iter().any(|words| words.contains(said)), "{said}: {all:?}");
+            assert!(
+                all.iter().any(|words| words.contains(said)),
+                "{said}: {all:?}"
+            );
         }
         assert!(
             sentence.contains(|c: char| c.is_ascii_digit()),

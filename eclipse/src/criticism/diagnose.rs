@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, time::Instant};
 
 use super::{
     axes, certainty, compete, confirm,
-    diagnosis::{Diagnosis, Finding, Ranked, Refitted, Sealed, Verdict},
+    diagnosis::{Diagnosis, Finding, Refitted, Sealed, Verdict},
     effects::{self, Effect},
     fit::{Fit, FitError},
     frame_numbers::FrameNumbers,

@@ -132,7 +132,10 @@ fn pictures_csv(pictures: &[Picture]) -> String {
     let names = match most {
         1 => "value".to_owned(),
         3 => "r,g,b".to_owned(),
-        n => (0..n).map(|c| format!("channel {c}")).collect::<Vec<_>>().join(","),
+        n => (0..n)
+            .map(|c| format!("channel {c}"))
+            .collect::<Vec<_>>()
+            .join(","),
     };
     let mut csv = format!("picture,row,column,{names}\n");
     for picture in pictures {

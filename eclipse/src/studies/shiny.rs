@@ -104,7 +104,9 @@ impl Row {
 /// Why materials may be off, by what was measured of the `lights` that were found with them.
 fn why(lights: &[f64]) -> &'static str {
     match range(lights)[0] > BLURRED {
-        true => "the light was hardly found either, and a highlight is its image: too few photographs, too small, for both",
+        true => {
+            "the light was hardly found either, and a highlight is its image: too few photographs, too small, for both"
+        }
         false => "the cause was not found",
     }
 }

@@ -417,16 +417,18 @@ fn in_short(curves: &[Curve], trends: &[Trend]) -> String {
             format!("{} (at {values}{})", curve.sweep.label, curve.why())
         };
         let labels: Vec<String> = others.iter().map(with_values).collect();
-        parts.push(format!(
-            "not in every seed over {}",
-            labels.join(", ")
-        ));
+        parts.push(format!("not in every seed over {}", labels.join(", ")));
     }
     let trends = trends.iter().map(|trend| {
         let word = if trend.held { "held" } else { "not held" };
         format!("{}: {word}", trend.what)
     });
-    parts.into_iter().chain(trends).collect::<Vec<_>>().join("; ") + "."
+    parts
+        .into_iter()
+        .chain(trends)
+        .collect::<Vec<_>>()
+        .join("; ")
+        + "."
 }
 
 fn conditions(bench: &Bench<'_>) -> String {

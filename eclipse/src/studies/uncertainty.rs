@@ -269,7 +269,10 @@ fn numbers<'a>(
 
 /// What is compared: `light, albedo, masks`.
 fn listed_names<'a>(spreads: impl Iterator<Item = &'a Spread>) -> String {
-    spreads.map(|spread| spread.name).collect::<Vec<_>>().join(", ")
+    spreads
+        .map(|spread| spread.name)
+        .collect::<Vec<_>>()
+        .join(", ")
 }
 
 /// What failed, and what was measured that explains it; `smaller` where errors of something are less than half of what was predicted.

@@ -10,6 +10,9 @@ use crate::{
     image_io::stem,
 };
 
+/// What makes a name of the parts of a path.
+type Way<'a> = &'a dyn Fn(&[String]) -> String;
+
 /// The frames' names: file names without the ending of an image or, where those repeat, paths with `_` between folders; with the
 /// ending where even those repeat, as of `a.png` beside `a.jpg`.
 pub(super) fn of(json: &Path, entries: &[TransformsFrame]) -> Result<Vec<String>, CaptureError> {
@@ -20,7 +23,7 @@ pub(super) fn of(json: &Path, entries: &[TransformsFrame]) -> Result<Vec<String>
     let last = |path: &[String]| path.last().cloned().unwrap_or_default();
     let joined = |path: &[String]| path.join("_");
     let bare = |name: String| stem(&name).to_owned();
-    let ways: [&dyn Fn(&[String]) -> String; 4] = [
+    let ways: [Way<'_>; 4] = [
         &|path| bare(last(path)),
         &|path| bare(joined(path)),
         &last,
