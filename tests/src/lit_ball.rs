@@ -124,7 +124,16 @@ pub fn written(folder: &Path, capture: &Capture) -> Value {
                 format!("{}.png", frame.name),
                 format!("{}-mask.png", frame.name),
             );
-            write_png8(&folder.join(&file), &frame.image).expect("a photograph");
+            let encoded = Image {
+                data: frame
+                    .image
+                    .data
+                    .iter()
+                    .map(|&v| linear_to_srgb(v.clamp(0.0, 1.0)))
+                    .collect(),
+                ..frame.image
+            };
+            write_png8(&folder.join(&file), &encoded).expect("a photograph");
             write_png8(&folder.join(&mask), &frame.mask).expect("a mask");
             json!({
                 "file_path": file, "mask_path": mask,

@@ -568,7 +568,8 @@ fn sparse_accessors_and_those_without_data_are_read() {
     assert_eq!(triangles(&read(&json).unwrap()), expected);
 
     // Zeros alone are no shape, but normals that are computed instead.
-    json["accessors"][2] = json!({ "componentType": 5126, "count": 4, "type": "VEC3" });
+    let normals = json!({ "componentType": 5126, "count": 4, "type": "VEC3" });
+    json["accessors"].as_array_mut().unwrap().push(normals);
     json["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = json!(2);
     assert_eq!(triangles(&read(&json).unwrap()), expected);
     json["accessors"][0]
@@ -619,8 +620,8 @@ fn colours_may_have_an_opacity() {
     let colors = [0.1, 0.2, 0.3, 1.0, 0.4, 0.5, 0.6, 1.0];
     let data = bytes(&[colors, colors].concat());
     let mut json = changed(json!({}), [&data, &[0]]);
-    json["accessors"][2] =
-        json!({ "bufferView": 2, "componentType": 5126, "count": 4, "type": "VEC4" });
+    let colors = json!({ "bufferView": 2, "componentType": 5126, "count": 4, "type": "VEC4" });
+    json["accessors"].as_array_mut().unwrap().push(colors);
     json["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = json!(2);
     let (_, surface) = parse_surfaced_glb(json.to_string().as_bytes()).unwrap();
     let MeshSurface::Vertices(materials) = surface else {

@@ -209,13 +209,10 @@ mod tests {
         metrics.extra.insert("limit".to_owned(), numbers);
         let text = limit(&metrics);
         assert!(
-            text.contains("parts of 22° but for 41 % of its variation with somebody"),
+            text.contains("all but 41 % of what sets parts of 22° apart"),
             "{text}"
         );
-        assert!(
-            text.contains("but for 93 % with nobody in the light."),
-            "{text}"
-        );
+        assert!(text.contains("all but 93 % with nobody"), "{text}");
     }
 
     #[test]

@@ -276,7 +276,7 @@ mod tests {
         );
         assert_eq!(
             read("maps.csv"),
-            "picture,row,column,values\nmap,0,0,0\nmap,0,1,1\n"
+            "picture,row,column,value\nmap,0,0,0\nmap,0,1,1\n"
         );
         assert!(
             read("curve.svg").contains("viewBox") && folder.path().join("maps-0.png").is_file()
@@ -284,6 +284,18 @@ mod tests {
         let summary: serde_json::Value = serde_json::from_str(&read(SUMMARY)).unwrap();
         assert_eq!(summary["verdict"], "held_in_part");
         assert_eq!(summary["numbers"]["ratio"], 0.5);
+    }
+
+    #[test]
+    fn every_channel_of_a_picture_has_its_column() {
+        let picture = |label: &str, channels: usize| {
+            let image = Image::filled(1, 1, channels, 0.5);
+            Picture::light(label, &image, 1.0)
+        };
+        assert_eq!(
+            pictures_csv(&[picture("light", 3), picture("mask", 1)]),
+            "picture,row,column,r,g,b\nlight,0,0,0.5,0.5,0.5\nmask,0,0,0.5,,\n"
+        );
     }
 
     #[test]

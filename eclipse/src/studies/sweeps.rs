@@ -1,9 +1,12 @@
 //! Fig. 9 and S3: one thing varied at a time on small captures of our own, with somebody in the light and with nobody.
 
+mod trend;
+
 use std::cmp::Ordering;
 
 use serde_json::{Map, Value, json};
 
+use self::trend::{Trend, in_short};
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
@@ -286,63 +289,6 @@ fn no_help([with, without]: &[f64; 2]) -> bool {
     with.partial_cmp(without) != Some(Ordering::Less)
 }
 
-/// A part of the claim beyond "better with somebody than with nobody": what is less at the end of a sweep than at its start, in
-/// every seed.
-struct Trend {
-    what: &'static str,
-    words: String,
-    held: bool,
-}
-
-impl Trend {
-    /// That `of` a pair of errors falls; none of a sweep of one value, as is left after a stop.
-    fn new(curve: &Curve, what: &'static str, of: fn(&[f64; 2]) -> f64) -> Option<Self> {
-        let all: Vec<Vec<f64>> = curve
-            .errors
-            .iter()
-            .map(|p| p.iter().map(of).collect())
-            .collect();
-        let (first, last) = (all.first()?, all.last()?);
-        if all.len() < 2 {
-            return None;
-        }
-        let mut pairs = first.iter().zip(last);
-        let held = pairs.all(|(a, b)| a > b);
-        let means: Vec<f64> = all
-            .iter()
-            .map(|v| v.iter().sum::<f64>() / v.len() as f64)
-            .collect();
-        let values: Vec<f64> = curve.sweep.points.iter().map(|point| point.0).collect();
-        let word = if held { "held" } else { "not held" };
-        Some(Self {
-            what,
-            words: format!(
-                "{what}: {word} ({} at {}, means; from {} to {} at the ends, a seed each)",
-                listed(&means),
-                listed(&values),
-                listed(first),
-                listed(last)
-            ),
-            held,
-        })
-    }
-
-    /// What the paper says of the trends of these curves.
-    fn all(curves: &[Curve]) -> Vec<Self> {
-        let find = |name: &str| curves.iter().find(|curve| curve.sweep.name == name);
-        let size = find(PERSON).and_then(|curve| {
-            let what = "larger occluders lower the error of the light";
-            Self::new(curve, what, |[with, _]| *with)
-        });
-        // Wide lamps are light of low frequency.
-        let frequency = find(LAMPS).and_then(|curve| {
-            let what = "the share of the error that somebody in the light takes away grows with the light's frequency";
-            Self::new(curve, what, |[with, without]| 1.0 - with / without)
-        });
-        size.into_iter().chain(frequency).collect()
-    }
-}
-
 fn evidence(bench: &Bench<'_>, curves: &[Curve]) -> Evidence {
     let trends = Trend::all(curves);
     let helps = curves.iter().map(|c| c.helpless().is_empty());
@@ -397,38 +343,6 @@ fn evidence(bench: &Bench<'_>, curves: &[Curve]) -> Evidence {
             ),
         ],
     }
-}
-
-/// What held and what did not.
-fn in_short(curves: &[Curve], trends: &[Trend]) -> String {
-    let (helped, others): (Vec<&Curve>, Vec<&Curve>) =
-        curves.iter().partition(|curve| curve.helpless().is_empty());
-    let mut parts = Vec::new();
-    if !helped.is_empty() {
-        let labels: Vec<&str> = helped.iter().map(|curve| curve.sweep.label).collect();
-        parts.push(format!(
-            "somebody in the light lowers its error in every seed over {}",
-            labels.join(", ")
-        ));
-    }
-    if !others.is_empty() {
-        let with_values = |curve: &&Curve| {
-            let values = listed(&curve.helpless());
-            format!("{} (at {values}{})", curve.sweep.label, curve.why())
-        };
-        let labels: Vec<String> = others.iter().map(with_values).collect();
-        parts.push(format!("not in every seed over {}", labels.join(", ")));
-    }
-    let trends = trends.iter().map(|trend| {
-        let word = if trend.held { "held" } else { "not held" };
-        format!("{}: {word}", trend.what)
-    });
-    parts
-        .into_iter()
-        .chain(trends)
-        .collect::<Vec<_>>()
-        .join("; ")
-        + "."
 }
 
 fn conditions(bench: &Bench<'_>) -> String {
