@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, time::Instant};
 
 use super::{
     axes, certainty, compete, confirm,
-    diagnosis::{Diagnosis, Finding, Ranked, Refitted, Sealed, Verdict},
+    diagnosis::{Diagnosis, Finding, Refitted, Sealed, Verdict},
     effects::{self, Effect},
     fit::{Fit, FitError},
     frame_numbers::FrameNumbers,
@@ -19,7 +19,7 @@ use super::{
     silhouette::Silhouettes,
     simulation::Simulation,
     study::{Study, StudyError},
-    told::{finding, moved, ranked, shared_exponent},
+    told::{assumptions, finding, moved, put_first, ranked, shared_exponent},
     verdict::{self, Grounds},
 };
 use crate::capture::Capture;
@@ -302,31 +302,6 @@ fn ends(
     Ok((before, after))
 }
 
-/// What was taken for granted.
-fn assumptions(capture: &Capture, light: Light, study: &Study<'_>) -> Vec<String> {
-    let mut all = Vec::new();
-    if light == Light::Lamps {
-        all.push("One distant lamp a frame, with the direction and the strength that the capture says, and no other light.".into());
-        let ball = capture.lamps.as_ref().is_some_and(|lamps| lamps.ball);
-        all.push(format!(
-            "A Lambertian surface of the given shape{}. Its albedo is free in every place, smooth but for what the places' scatter \
-             says; one scale, by colour, is free for all lamps together.",
-            if ball {
-                ", a ball, dark where it turns away from the lamp"
-            } else {
-                ", which casts shadows on itself"
-            }
-        ));
-    }
-    if study.seen.eight_bits {
-        all.push(
-            "The photographs hold 256 levels at most: rounding to them counts as noise. PNG and JPEG files are read as sRGB unless \
-             the capture's `color_encoding` says otherwise; where that is wrong, response_curve tells.".into(),
-        );
-    }
-    all
-}
-
 /// What is known of a capture's light.
 pub fn light_of(capture: &Capture) -> Light {
     match capture.lamps {
@@ -377,15 +352,6 @@ pub fn chosen(names: &[String], light: Light) -> Result<Vec<&'static dyn Effect>
         .collect())
 }
 
-/// Puts what was refitted before the rest, in the order of the refits' evidence.
-fn put_first(ranking: &mut [Ranked], evidence: &[(&'static str, f64)]) {
-    let place = |id: &str| evidence.iter().position(|(other, _)| *other == id);
-    for ranked in ranking.iter_mut() {
-        ranked.evidence = place(ranked.id).map(|k| evidence[k].1);
-    }
-    ranking.sort_by_key(|r| place(r.id).unwrap_or(evidence.len()));
-}
-
 /// Why a diagnosis could not be made.
 #[derive(Debug, thiserror::Error)]
 pub enum DiagnoseError {
@@ -419,29 +385,6 @@ pub enum DiagnoseError {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn refits_lead_the_ranking_and_gains_order_the_rest() {
-        let ranked = |id, gain| Ranked {
-            gain,
-            ..Ranked::example(id)
-        };
-        let mut ranking = [
-            ranked("medium", 90.0),
-            ranked("vignetting", 80.0),
-            ranked("clipping", 70.0),
-            ranked("defocus", 60.0),
-        ];
-        put_first(&mut ranking, &[("clipping", 40.0), ("medium", 10.0)]);
-        let order = ranking.each_ref().map(|r| (r.id, r.evidence));
-        let expected = [
-            ("clipping", Some(40.0)),
-            ("medium", Some(10.0)),
-            ("vignetting", None),
-            ("defocus", None),
-        ];
-        assert_eq!(order, expected);
-    }
 
     #[test]
     fn what_is_found_beside_an_effect_is_no_alternative_to_it() {

@@ -33,8 +33,11 @@ pub fn strip(outcome: &Outcome<'_>) -> Result<String, ImageIoError> {
             pictures += &shown(truth, eye)?;
         }
         let blocked = 100.0 * silhouettes.told.blocked[t];
-        figures +=
-            &format!("<figure>{pictures}<figcaption>{t}: {blocked:.0} %</figcaption></figure>");
+        let hot = outcome.diagnosis.hot_spots.iter().any(|s| s.frame == t);
+        let class = if hot { " class=\"hot\"" } else { "" };
+        figures += &format!(
+            "<figure{class}>{pictures}<figcaption>{t}: {blocked:.0} %</figcaption></figure>"
+        );
     }
     let below = if silhouettes.truth.is_empty() {
         ""
@@ -49,7 +52,7 @@ pub fn strip(outcome: &Outcome<'_>) -> Result<String, ImageIoError> {
     };
     Ok(format!(
         "<h2>Light that the last model blocks</h2><p>All directions seen from the object, the camera's azimuth in the middle, up on top, the \
-         camera red; white: light passes, black: it is blocked.{below} Under each its frame and the share of the light that is \
+         camera red; white: light passes, black: it is blocked.{below} Under each its frame, red where the photograph had hot spots before, and the share of the light that is \
          blocked. World directions are in <code>{}</code>.{by}</p>{}<div class=\"film\">{figures}</div>",
         super::silhouette::FILE,
         said(&outcome.diagnosis)

@@ -2,25 +2,23 @@
 
 use std::{fs, io, path::Path};
 
-use render::image::Image;
-
 use super::{
     diagnose::Outcome,
-    diagnosis::{Diagnosis, Finding},
-    effects, film, maps,
+    diagnosis::Diagnosis,
+    effects, film,
+    locate::HotSpot,
+    maps,
     plot::{self, picture},
-    silhouette,
+    silhouette, spots, tables,
 };
 use crate::{
     files::atomic,
-    image_io::{ImageIoError, linear_to_srgb, write_exr},
+    image_io::{ImageIoError, write_exr},
     layout,
 };
 
 /// Residuals of this many standard deviations are fully coloured.
 const RANGE: f32 = 4.0;
-/// Numbers of an effect that are shown at once.
-const SHOWN_NUMBERS: usize = 8;
 /// Frames shown on the page.
 const SHOWN: usize = 6;
 
@@ -92,6 +90,8 @@ fn html(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, PageErro
     let name = name.map_or("capture".into(), |n| n.to_string_lossy());
     let verdict = serde_json::to_value(d.verdict)?;
     let verdict = verdict.as_str().unwrap_or_default().replace('_', " ");
+    let photographs = outcome.study.capture.frames.iter();
+    let how = plot::Shown::of(photographs.map(|frame| &frame.image));
     Ok(format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\n\
          <title>Diagnosis of {title}</title>\n<style>{style}</style></head><body>\n<h1>{title}: {verdict}</h1>\n\
@@ -104,12 +104,12 @@ fn html(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, PageErro
         unnamed = unnamed(d),
         separate = separate(d),
         exponent = exponent(d),
-        found = found(d),
+        found = tables::found(d),
         film = film::strip(outcome)?,
-        pictures = pictures(outcome, frames)?,
-        spots = spots(d),
-        ranking = ranking(d),
-        refits = refits(d),
+        pictures = pictures(outcome, frames, &how)?,
+        spots = spots::section(outcome, &how)?,
+        ranking = tables::ranking(d),
+        refits = tables::refits(d),
         axes = axes(d),
         assumed = assumed(d),
         others = others(d),
@@ -169,55 +169,14 @@ fn exponent(d: &Diagnosis) -> String {
     said.map_or(String::new(), |said| format!("<p>{}</p>\n", escaped(said)))
 }
 
-fn found(d: &Diagnosis) -> String {
-    if d.effects.is_empty() {
-        return String::new();
-    }
-    let rows: String = d.effects.iter().map(finding).collect();
-    format!(
-        "<h2>Added to the model</h2><table><tr><th>effect</th><th>size in the image</th><th>sealed gain</th><th>p (Holm)</th>\
-         <th>survival</th><th>minimum detectable</th><th>as good</th><th>easily confused with</th></tr>{rows}</table>"
-    )
-}
-
-fn finding(f: &Finding) -> String {
-    let confused = effects::by_id(f.id).map_or(String::new(), |e| e.confused_with().join(", "));
-    let mut strongest: Vec<(&String, f64, f64)> = f
-        .parameters
-        .iter()
-        .map(|(n, v)| (n, *v, f.standard_errors.get(n).copied().unwrap_or(f64::NAN)))
-        .collect();
-    strongest.sort_by(|a, b| (b.1 / b.2).abs().total_cmp(&(a.1 / a.2).abs()));
-    let item =
-        |(n, v, e): &(&String, f64, f64)| format!("<li>{} = {v:.4} ± {e:.4}</li>", escaped(n));
-    let (first, rest) = strongest.split_at(strongest.len().min(SHOWN_NUMBERS));
-    let mut numbers: String = first.iter().map(item).collect();
-    if !rest.is_empty() {
-        let rest: String = rest.iter().map(item).collect();
-        numbers += &format!("<details><summary>the others</summary>{rest}</details>");
-    }
-    format!(
-        "<tr><td><b>{}</b><ul>{numbers}</ul></td><td>{:.2} %</td><td>{:.0} ± {:.0}</td><td>{:.1e}</td><td>{:.2}</td><td>{:.2} %</td>\
-         <td>{}</td><td>{confused}</td></tr>",
-        f.id,
-        100.0 * f.size,
-        f.sealed_gain,
-        f.sealed_gain_se,
-        f.p_holm,
-        f.survival,
-        100.0 * f.minimum_detectable,
-        f.ambiguous_with.join(", ")
-    )
-}
-
-fn pictures(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, PageError> {
+fn pictures(
+    outcome: &Outcome<'_>,
+    frames: &[maps::Maps],
+    how: &plot::Shown,
+) -> Result<String, PageError> {
     // The frames with the largest hot spots, then evenly spread ones.
-    let mut order: Vec<usize> = outcome
-        .diagnosis
-        .hot_spots
-        .iter()
-        .map(|s| s.frame)
-        .collect();
+    let spots = outcome.diagnosis.hot_spots.iter();
+    let mut order: Vec<usize> = spots.map(|s| s.frame).collect();
     let step = frames.len().div_ceil(SHOWN).max(1);
     order.extend((0..frames.len()).step_by(step));
     let mut shown: Vec<usize> = Vec::new();
@@ -226,33 +185,22 @@ fn pictures(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, Page
             shown.push(t);
         }
     }
-    let photographs: Vec<&Image> = outcome
-        .study
-        .capture
-        .frames
-        .iter()
-        .map(|f| &f.image)
-        .collect();
-    let mut values: Vec<f32> = photographs
-        .iter()
-        .flat_map(|i| i.data.iter().copied())
-        .collect();
-    values.sort_unstable_by(f32::total_cmp);
-    let white = values
-        .get(values.len() * 995 / 1000)
-        .map_or(1.0, |v| v.max(1e-6));
+    let d = &outcome.diagnosis;
     let mut rows = String::new();
     for t in shown {
         let maps = &frames[t];
+        let photograph = &outcome.study.capture.frames[t].image;
+        let boxed = |picture: &str, spots: &[HotSpot]| {
+            let own = spots.iter().filter(|spot| spot.frame == t);
+            let boxes: Vec<[f32; 4]> = own.map(|spot| spot.pixels).collect();
+            plot::boxed(picture, [photograph.width, photograph.height], &boxes)
+        };
+        let significance = |k: usize| picture(&maps.significance[k], |p| diverging(p[0] / RANGE));
         let cells = [
-            picture(photographs[t], |p| {
-                [0, 1, 2].map(|c| linear_to_srgb(p[c] / white))
-            })?,
-            picture(&maps.model, |p| {
-                [0, 1, 2].map(|c| linear_to_srgb(p[c] / white))
-            })?,
-            picture(&maps.significance[0], |p| diverging(p[0] / RANGE))?,
-            picture(&maps.significance[1], |p| diverging(p[0] / RANGE))?,
+            picture(photograph, |p| how.photograph(p))?,
+            picture(&maps.model, |p| how.photograph(p))?,
+            boxed(&significance(0)?, &d.hot_spots),
+            boxed(&significance(1)?, &d.hot_spots_after),
         ];
         let unknown = !outcome.after.is_shared() && outcome.study.frame_is_sealed(t as u32);
         let remark = if unknown {
@@ -267,7 +215,7 @@ fn pictures(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, Page
     }
     Ok(format!(
         "<h2>Photograph, model, residual in σ before and after</h2><p>Red: the photograph is brighter; blue: darker; full colour at ±{RANGE} σ, \
-         one scale for both.</p><table class=\"pictures\"><tr><th>frame</th><th>photograph</th><th>model</th><th>before</th><th>after</th></tr>{rows}</table>"
+         one scale for both. Boxes: hot spots.</p><table class=\"pictures\"><tr><th>frame</th><th>photograph</th><th>model</th><th>before</th><th>after</th></tr>{rows}</table>"
     ))
 }
 
@@ -281,87 +229,6 @@ fn diverging(x: f32) -> [f32; 3] {
     } else {
         [1.0 - 0.85 * s, 1.0 - 0.65 * s, 1.0 - 0.2 * s]
     }
-}
-
-fn spots(d: &Diagnosis) -> String {
-    if d.hot_spots.is_empty() {
-        return "<h2>Where they differ</h2><p>Nowhere beyond noise.</p>".into();
-    }
-    let rows: String = d
-        .hot_spots
-        .iter()
-        .map(|s| {
-            let [l, t, r, b] = s.pixels;
-            let [x, y, z] = s.surface_point;
-            let shared = s.shared.map_or("–".into(), |shared| format!("{shared:+.2} σ²"));
-            format!(
-                "<tr><td>{}</td><td>{l:.0}–{r:.0} × {t:.0}–{b:.0}</td><td>({x:.2}, {y:.2}, {z:.2})</td><td>{:+.1} σ</td><td>{:+.1} %</td><td>{shared}</td></tr>",
-                s.frame,
-                s.sigma,
-                100.0 * s.relative
-            )
-        })
-        .collect();
-    format!(
-        "<h2>Where they differ most, before</h2><table><tr><th>frame</th><th>pixels</th><th>surface</th><th>mean residual</th>\
-         <th>relative</th><th>shared by neighbours</th></tr>{rows}</table>"
-    )
-}
-
-fn ranking(d: &Diagnosis) -> String {
-    let rows: String = d
-        .ranking
-        .iter()
-        .map(|r| {
-            format!(
-                "<tr{}><td>{}</td><td>{:.0} ± {:.0}</td><td>{:.1e}</td><td>{:.2} %</td><td>{:.2}</td><td>{:.2} %</td></tr>",
-                if r.capacity { " class=\"capacity\"" } else { "" },
-                r.id,
-                r.gain,
-                r.gain_se,
-                r.p,
-                100.0 * r.size,
-                r.survival,
-                100.0 * r.minimum_detectable
-            )
-        })
-        .collect();
-    format!(
-        "<h2>All effects</h2><p>First those that were refitted in the first round, in the order of their refits' evidence; then the others by \
-         what they gain on held-out patches when screened.</p><table><tr><th>effect</th><th>gain</th><th>p</th><th>size</th><th>survival</th>\
-         <th>minimum detectable</th></tr>{rows}</table><p class=\"capacity\">Grey: not physics, but more freedom for light, albedo or occluders.</p>"
-    )
-}
-
-/// Refits: who was tried in the full model, and what became of it.
-fn refits(d: &Diagnosis) -> String {
-    if d.refits.is_empty() {
-        return String::new();
-    }
-    let rows: String = d
-        .refits
-        .iter()
-        .map(|r| {
-            let sealed = match &r.sealed {
-                None => String::new(),
-                Some(s) => format!(
-                    "{:.0} ± {:.0}: {}",
-                    s.gain,
-                    s.gain_se,
-                    if s.confirmed { "stands" } else { "refused" }
-                ),
-            };
-            format!(
-                "<tr><td>{}</td><td>{}</td><td>{:.0}</td><td>{sealed}</td></tr>",
-                r.after + 1,
-                r.id,
-                r.evidence
-            )
-        })
-        .collect();
-    format!(
-        "<h2>Refits</h2><table><tr><th>round</th><th>effect</th><th>evidence (χ²)</th><th>gain on sealed data</th></tr>{rows}</table>"
-    )
 }
 
 fn axes(d: &Diagnosis) -> String {
@@ -437,7 +304,7 @@ mod tests {
 
     #[test]
     fn what_has_no_name_is_told() {
-        use super::super::Verdict;
+        use super::super::{Verdict, diagnosis::Finding};
         let mut d = Diagnosis::example(Verdict::Unexplained, Vec::new());
         assert_eq!(unnamed(&d), "");
         d.unnamed = 1;

@@ -8,7 +8,7 @@ pub fn separate_by(found: &[Finding]) -> Vec<String> {
     for finding in found.iter().filter(|f| !f.ambiguous_with.is_empty()) {
         for id in std::iter::once(&finding.id).chain(&finding.ambiguous_with) {
             if !names.contains(id) {
-                names.push(id);
+                names.push(*id);
             }
         }
     }

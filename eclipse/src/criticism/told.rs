@@ -7,8 +7,11 @@ use super::{
     diagnosis::{Finding, Ranked},
     effects,
     fit::Fit,
+    light::Light,
     score::{Score, Screen},
+    study::Study,
 };
+use crate::capture::Capture;
 
 /// Of a screening, in its order.
 pub fn ranked(screen: &Screen) -> Vec<Ranked> {
@@ -28,6 +31,15 @@ pub fn ranked(screen: &Screen) -> Vec<Ranked> {
             evidence: None,
         })
         .collect()
+}
+
+/// Puts what was refitted before the rest, in the order of the refits' evidence.
+pub fn put_first(ranking: &mut [Ranked], evidence: &[(&'static str, f64)]) {
+    let place = |id: &str| evidence.iter().position(|(other, _)| *other == id);
+    for ranked in ranking.iter_mut() {
+        ranked.evidence = place(ranked.id).map(|k| evidence[k].1);
+    }
+    ranking.sort_by_key(|r| place(r.id).unwrap_or(evidence.len()));
 }
 
 /// Of an effect that stands, in the model `fit`, whose numbers have these standard errors there.
@@ -111,6 +123,31 @@ pub fn shared_exponent(found: &[Finding]) -> Option<String> {
     ))
 }
 
+/// What was taken for granted.
+pub fn assumptions(capture: &Capture, light: Light, study: &Study<'_>) -> Vec<String> {
+    let mut all = Vec::new();
+    if light == Light::Lamps {
+        all.push("One distant lamp a frame, with the direction and the strength that the capture says, and no other light.".into());
+        let ball = capture.lamps.as_ref().is_some_and(|lamps| lamps.ball);
+        all.push(format!(
+            "A Lambertian surface of the given shape{}. Its albedo is free in every place, smooth but for what the places' scatter \
+             says; one scale, by colour, is free for all lamps together.",
+            if ball {
+                ", a ball, dark where it turns away from the lamp"
+            } else {
+                ", which casts shadows on itself"
+            }
+        ));
+    }
+    if study.seen.eight_bits {
+        all.push(
+            "The photographs hold 256 levels at most: rounding to them counts as noise. PNG and JPEG files are read as sRGB unless \
+             the capture's `color_encoding` says otherwise; where that is wrong, response_curve tells.".into(),
+        );
+    }
+    all
+}
+
 /// Relative change of light and albedo, RMS.
 pub fn moved(before: &Fit, after: &Fit) -> BTreeMap<String, f64> {
     let change = |a: &[f32], b: &[f32]| {
@@ -131,6 +168,29 @@ pub fn moved(before: &Fit, after: &Fit) -> BTreeMap<String, f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn refits_lead_the_ranking_and_gains_order_the_rest() {
+        let ranked = |id, gain| Ranked {
+            gain,
+            ..Ranked::example(id)
+        };
+        let mut ranking = [
+            ranked("medium", 90.0),
+            ranked("vignetting", 80.0),
+            ranked("clipping", 70.0),
+            ranked("defocus", 60.0),
+        ];
+        put_first(&mut ranking, &[("clipping", 40.0), ("medium", 10.0)]);
+        let order = ranking.each_ref().map(|r| (r.id, r.evidence));
+        let expected = [
+            ("clipping", Some(40.0)),
+            ("medium", Some(10.0)),
+            ("vignetting", None),
+            ("defocus", None),
+        ];
+        assert_eq!(order, expected);
+    }
 
     #[test]
     fn what_sealed_data_refuse_would_not_do_as_well() {

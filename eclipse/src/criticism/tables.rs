@@ -1,0 +1,212 @@
+//! Tables of the page: what was added to the model, all effects, and refits.
+
+use super::{
+    diagnosis::{Diagnosis, Finding, Judged, Ranked},
+    effects,
+    page::escaped,
+};
+
+/// Numbers of an effect that are shown at once.
+const SHOWN_NUMBERS: usize = 8;
+/// A gain of fewer standard errors is not sure.
+const SURE: f64 = 3.0;
+
+/// What was added to the model.
+pub fn found(d: &Diagnosis) -> String {
+    if d.effects.is_empty() {
+        return String::new();
+    }
+    let rows: String = d.effects.iter().map(finding).collect();
+    format!(
+        "<h2>Added to the model</h2><table><tr><th>effect</th><th>size in the image</th><th>sealed gain</th><th>p (Holm)</th>\
+         <th>survival</th><th>minimum detectable</th><th>verdict</th><th>easily confused with</th></tr>{rows}</table>"
+    )
+}
+
+fn finding(f: &Finding) -> String {
+    let mut strongest: Vec<(&String, f64, f64)> = f
+        .parameters
+        .iter()
+        .map(|(n, v)| (n, *v, f.standard_errors.get(n).copied().unwrap_or(f64::NAN)))
+        .collect();
+    strongest.sort_by(|a, b| (b.1 / b.2).abs().total_cmp(&(a.1 / a.2).abs()));
+    let item =
+        |(n, v, e): &(&String, f64, f64)| format!("<li>{} = {v:.4} ± {e:.4}</li>", escaped(n));
+    let (first, rest) = strongest.split_at(strongest.len().min(SHOWN_NUMBERS));
+    let mut numbers: String = first.iter().map(item).collect();
+    if !rest.is_empty() {
+        let rest: String = rest.iter().map(item).collect();
+        numbers += &format!("<details><summary>the others</summary>{rest}</details>");
+    }
+    let verdict = if f.ambiguous_with.is_empty() {
+        "stands".to_owned()
+    } else {
+        format!("{} would do as well", f.ambiguous_with.join(" or "))
+    };
+    format!(
+        "<tr><td><b>{}</b><ul>{numbers}</ul></td><td>{:.2} ± {:.2} %</td><td>{:.0} ± {:.0}</td><td>{:.1e}</td><td>{:.2}</td>\
+         <td>{:.2} %</td><td>{verdict}</td><td>{}</td></tr>",
+        f.id,
+        100.0 * f.size,
+        100.0 * f.size_se,
+        f.sealed_gain,
+        f.sealed_gain_se,
+        f.p_holm,
+        f.survival,
+        100.0 * f.minimum_detectable,
+        confused(f.id),
+    )
+}
+
+fn confused(id: &str) -> String {
+    effects::by_id(id).map_or(String::new(), |e| e.confused_with().join(", "))
+}
+
+/// All effects.
+pub fn ranking(d: &Diagnosis) -> String {
+    let rows: String = d
+        .ranking
+        .iter()
+        .map(|r| {
+            let of_sealed = sealed(d, r.id);
+            let gain = of_sealed.map_or("–".to_owned(), |s| gain(&s));
+            format!(
+                "<tr{}><td>{}</td><td>{:.0} ± {:.0}</td><td>{gain}</td><td>{:.1e}</td><td>{:.2} ± {:.2} %</td><td>{:.2}</td>\
+                 <td>{:.2} %</td><td>{}</td><td>{}</td></tr>",
+                if r.capacity { " class=\"capacity\"" } else { "" },
+                r.id,
+                r.gain,
+                r.gain_se,
+                r.p,
+                100.0 * r.size,
+                100.0 * r.size_se,
+                r.survival,
+                100.0 * r.minimum_detectable,
+                verdict(d, r),
+                confused(r.id),
+            )
+        })
+        .collect();
+    format!(
+        "<h2>All effects</h2><p>First those that were refitted in the first round, in the order of their refits' evidence; then the others by \
+         what they gain on held-out patches when screened.</p><table><tr><th>effect</th><th>gain</th><th>sealed gain</th><th>p</th>\
+         <th>size</th><th>survival</th><th>minimum detectable</th><th>verdict</th><th>easily confused with</th></tr>{rows}</table>\
+         <p class=\"capacity\">Grey: not physics, but more freedom for light, albedo or occluders.</p>"
+    )
+}
+
+/// What sealed data say of an effect, in the first round in which they were asked.
+fn sealed(d: &Diagnosis, id: &str) -> Option<Judged> {
+    let mut own = d.refits.iter().filter(|r| r.id == id);
+    own.find_map(|r| r.sealed)
+}
+
+fn gain(judged: &Judged) -> String {
+    format!("{:.0} ± {:.0}", judged.gain, judged.gain_se)
+}
+
+/// What became of an effect.
+fn verdict(d: &Diagnosis, r: &Ranked) -> &'static str {
+    let added = d.effects.iter().any(|f| f.id == r.id);
+    let stand_in = d.looks_like == Some(r.id);
+    match sealed(d, r.id) {
+        _ if added => "added to the model",
+        _ if stand_in => "the mismatch looks like it",
+        Some(judged) if judged.confirmed => "stands, but explains too little",
+        Some(_) => "refused by sealed data",
+        None => match r.evidence {
+            Some(evidence) if evidence > 0.0 => "refitted, not the best",
+            Some(_) => "no better when refitted",
+            None if r.gain <= SURE * r.gain_se => "no sure gain",
+            None if r.size < r.minimum_detectable => "smaller than what would be found",
+            None => "not refitted",
+        },
+    }
+}
+
+/// Refits: who was tried in the full model, and what became of it.
+pub fn refits(d: &Diagnosis) -> String {
+    if d.refits.is_empty() {
+        return String::new();
+    }
+    let rows: String = d
+        .refits
+        .iter()
+        .map(|r| {
+            let sealed = r.sealed.map_or(String::new(), |s| {
+                let outcome = if s.confirmed { "stands" } else { "refused" };
+                format!("{}: {outcome}", gain(&s))
+            });
+            format!(
+                "<tr><td>{}</td><td>{}</td><td>{:.0}</td><td>{sealed}</td></tr>",
+                r.after + 1,
+                r.id,
+                r.evidence
+            )
+        })
+        .collect();
+    format!(
+        "<h2>Refits</h2><table><tr><th>round</th><th>effect</th><th>evidence (χ²)</th><th>gain on sealed data</th></tr>{rows}</table>"
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Verdict, diagnosis::Refitted};
+    use super::*;
+
+    #[test]
+    fn what_became_of_every_effect_is_told() {
+        let found = Finding::example("vignetting", vec!["medium"]);
+        let mut d = Diagnosis::example(Verdict::Ambiguous, vec![found]);
+        let refit = |id, evidence, confirmed: Option<bool>| Refitted {
+            after: 0,
+            id,
+            evidence,
+            sealed: confirmed.map(|confirmed| Judged {
+                gain: 40.0,
+                gain_se: 10.0,
+                p: 0.1,
+                confirmed,
+            }),
+        };
+        d.refits = vec![
+            refit("vignetting", 90.0, Some(true)),
+            refit("medium", 80.0, Some(false)),
+            refit("clipping", -3.0, None),
+        ];
+        let ranked = |id, evidence| Ranked {
+            evidence,
+            ..Ranked::example(id)
+        };
+        d.ranking = vec![
+            ranked("vignetting", Some(90.0)),
+            ranked("medium", Some(80.0)),
+            ranked("clipping", Some(-3.0)),
+            ranked("defocus", None),
+            Ranked {
+                gain_se: 40.0,
+                ..Ranked::example("emission")
+            },
+        ];
+        let told: Vec<&str> = d.ranking.iter().map(|r| verdict(&d, r)).collect();
+        let expected = [
+            "added to the model",
+            "refused by sealed data",
+            "no better when refitted",
+            "not refitted",
+            "no sure gain",
+        ];
+        assert_eq!(told, expected);
+        assert!(ranking(&d).contains("<td>40 ± 10</td>"));
+        let table = super::found(&d);
+        for part in [
+            "2.00 ± 0.10 %",
+            "100 ± 10",
+            "medium would do as well",
+            "near_field_light",
+        ] {
+            assert!(table.contains(part), "{part} in {table}");
+        }
+    }
+}
