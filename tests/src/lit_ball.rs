@@ -1,8 +1,10 @@
 //! A ball under known lamps as a photometric-stereo set records it, drawn by its formula and not by the program's renderer.
 
+use std::path::Path;
+
 use eclipse::{
     capture::{Capture, Frame, Lamp, Lamps},
-    image_io::{linear_to_srgb, srgb_to_linear},
+    image_io::{linear_to_srgb, srgb_to_linear, write_png8},
 };
 use glam::{Mat4, Vec3};
 use render::{
@@ -11,6 +13,7 @@ use render::{
     mesh::Mesh,
     sampler::{SampleKey, Stream},
 };
+use serde_json::{Value, json};
 
 /// Pixels across and down.
 pub const SIZE: usize = 112;
@@ -107,6 +110,34 @@ pub fn capture(
             ball: true,
         }),
     }
+}
+
+/// Writes a capture as photometric-stereo sets are: eight bits, masks as files, a ball for a shape. What its `transforms.json` should
+/// hold is left to whoever asks, who may spoil it.
+pub fn written(folder: &Path, capture: &Capture) -> Value {
+    let frames: Vec<Value> = capture
+        .frames
+        .iter()
+        .zip(&capture.lamps.as_ref().expect("known lamps").lamps)
+        .map(|(frame, lamp)| {
+            let (file, mask) = (
+                format!("{}.png", frame.name),
+                format!("{}-mask.png", frame.name),
+            );
+            write_png8(&folder.join(&file), &frame.image).expect("a photograph");
+            write_png8(&folder.join(&mask), &frame.mask).expect("a mask");
+            json!({
+                "file_path": file, "mask_path": mask,
+                "lamp": { "direction": lamp.direction.to_array(), "strength": lamp.strength }
+            })
+        })
+        .collect();
+    let [cx, cy] = capture.frames[0].camera.principal;
+    json!({
+        "camera_model": "ORTHOGRAPHIC", "w": SIZE, "h": SIZE, "pixels_per_unit": SCALE, "cx": cx, "cy": cy,
+        "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+        "shape": { "sphere": { "centre": [0, 0, 0], "radius": 1 } }, "frames": frames
+    })
 }
 
 /// Rounds photographs to eight bits as PNG files hold them.

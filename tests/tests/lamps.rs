@@ -2,7 +2,6 @@
 
 use std::{
     fs,
-    path::Path,
     process::Output,
     sync::{Arc, OnceLock},
 };
@@ -19,13 +18,12 @@ use eclipse::{
         locate,
         study::Study,
     },
-    image_io::write_png8,
     inspect::inspect,
     reconstruct::check_light,
     settings::Settings,
 };
 use eclipse_tests::{
-    lit_ball::{self, FRAMES, SCALE, SIZE, lamps},
+    lit_ball::{self, FRAMES, SCALE, SIZE, lamps, written},
     program,
 };
 use glam::Vec3;
@@ -36,33 +34,6 @@ use serde_json::{Value, json};
 fn plain() -> &'static Capture {
     static PLAIN: OnceLock<Capture> = OnceLock::new();
     PLAIN.get_or_init(|| lit_ball::capture(&lamps(), &lamps(), |_, _, light| light))
-}
-
-/// Writes a capture as photometric-stereo sets are: eight bits, masks as files, a ball for a shape.
-fn written(folder: &Path, capture: &Capture) -> Value {
-    let frames: Vec<Value> = capture
-        .frames
-        .iter()
-        .zip(&capture.lamps.as_ref().unwrap().lamps)
-        .map(|(frame, lamp)| {
-            let (file, mask) = (
-                format!("{}.png", frame.name),
-                format!("{}-mask.png", frame.name),
-            );
-            write_png8(&folder.join(&file), &frame.image).unwrap();
-            write_png8(&folder.join(&mask), &frame.mask).unwrap();
-            json!({
-                "file_path": file, "mask_path": mask,
-                "lamp": { "direction": lamp.direction.to_array(), "strength": lamp.strength }
-            })
-        })
-        .collect();
-    let [cx, cy] = capture.frames[0].camera.principal;
-    json!({
-        "camera_model": "ORTHOGRAPHIC", "w": SIZE, "h": SIZE, "pixels_per_unit": SCALE, "cx": cx, "cy": cy,
-        "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
-        "shape": { "sphere": { "centre": [0, 0, 0], "radius": 1 } }, "frames": frames
-    })
 }
 
 /// The message that a capture is refused with after `spoil` changed its `transforms.json`.

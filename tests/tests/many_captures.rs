@@ -121,7 +121,8 @@ fn folders_without_a_label_and_labels_without_a_folder_are_told() {
         fs::create_dir_all(captures.join(name)).unwrap();
     }
     let labels = folder.path().join("labels.json");
-    let label = r#"{"first": {"effects": []}, "gone": {"effects": []}, "day/hall": {"effects": []}}"#;
+    let label =
+        r#"{"first": {"effects": []}, "gone": {"effects": []}, "day/hall": {"effects": []}}"#;
     fs::write(&labels, label).unwrap();
     let mismatch = ["mismatch", text(&captures), "--labels", text(&labels)];
     let output = study(&[mismatch.as_slice(), &["--json"]].concat());

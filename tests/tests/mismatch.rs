@@ -1,6 +1,7 @@
-//! Where simulation and photographs differ: effects, what a diagnosis reads, captures under known lamps.
+//! Where simulation and photographs differ: effects, what a diagnosis reads and what it leaves, captures under known lamps.
 
 mod criticism;
+mod diagnosed;
 mod lamps;
 mod located;
 mod simulation;
