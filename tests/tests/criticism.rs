@@ -8,15 +8,21 @@ use std::{
 use eclipse::{
     capture::Capture,
     criticism::{
-        Simulation,
+        Simulation, Verdict,
+        certainty::standard_errors,
         chain::{Chain, Link},
-        compete,
+        compete, confirm,
         diagnose::screen_at,
+        diagnosis::Refitted,
         effects::{self, Effect, Term},
         fit::Fit,
+        locate::Structured,
+        refit,
         score::Screen,
         study::Study,
+        told,
         transport::Lobe,
+        verdict::{self, Grounds},
     },
 };
 use eclipse_tests::{
@@ -333,6 +339,76 @@ fn leads(screen: &Screen, id: &str, among: usize) {
     assert!(
         physics[at].gain > 3.0 * physics[at].gain_se,
         "{id}: {list:?}"
+    );
+}
+
+/// From the photographs to the verdict: what the ignored tests below ask of screening alone, on a capture small enough for every day.
+#[test]
+fn what_was_planted_is_found_refitted_confirmed_and_told() {
+    let capture = capture(1.0, &SMALL);
+    let mut study = study(&capture, LOBE, &SMALL);
+    let planted = |k: usize| {
+        if k.is_multiple_of(3) {
+            0.08 * pattern(k)
+        } else {
+            0.0
+        }
+    };
+    let effect = effects::by_id("exposure_drift").unwrap();
+    plant(&mut study, Some((effect, &|k, _| planted(k))));
+    let mut first = Fit::start(&study).unwrap();
+    first.refine(&study, 6).unwrap();
+    let among = ["exposure_drift", "vignetting", "black_level"];
+    let among = among.into_iter().filter_map(effects::by_id);
+    let screen = screen_at(&study, &first, among).unwrap();
+    leads(&screen, "exposure_drift", 1);
+
+    let contenders = compete::contenders(&screen);
+    let round = refit::round(&study, &first, &screen.nuisance, contenders, &|_| Ok(())).unwrap();
+    assert_eq!(round.evidence[0].0, "exposure_drift");
+    let evidence = round.evidence.iter();
+    let mut refits: Vec<Refitted> = evidence
+        .map(|&(id, evidence)| Refitted {
+            after: 0,
+            id,
+            evidence,
+            sealed: None,
+        })
+        .collect();
+    let rounds = [round];
+    let opened = confirm::open(&study, &rounds, &mut refits).unwrap();
+    let step = &opened.path[0];
+    assert!(refits[0].sealed.unwrap().confirmed);
+    assert!(step.gain.gain > 3.0 * step.gain.error, "{:?}", step.gain);
+
+    let errors = standard_errors(&study, step.fit).unwrap();
+    let finding = told::finding(step, step.fit, &errors);
+    assert_eq!(finding.id, "exposure_drift");
+    // What all frames share is light and albedo as well.
+    let seen = |t: &usize| !study.frame_is_sealed(*t as u32);
+    let numbers = (0..SMALL.frames).filter(seen).map(|t| {
+        let name = format!("gain of frame {t} (log)");
+        (finding.parameters[&name], planted(3 * t))
+    });
+    let numbers: Vec<(f64, f64)> = numbers.collect();
+    let count = numbers.len() as f64;
+    let shared = numbers.iter().map(|(own, truth)| own - truth).sum::<f64>() / count;
+    for (own, truth) in &numbers {
+        assert!((own - truth - shared).abs() < 0.03, "{numbers:?}");
+    }
+    let structured = [&rounds[0].null, step.fit].map(|fit| Structured::of(&study, fit));
+    let ranking = told::ranked(&screen);
+    let grounds = Grounds {
+        found: std::slice::from_ref(&finding),
+        unknown: opened.unknown,
+        refused: opened.refused,
+        ranking: &ranking,
+        structured: verdict::judged(structured),
+    };
+    assert_eq!(
+        verdict::verdict(&grounds),
+        Verdict::Explained,
+        "{structured:?}"
     );
 }
 
