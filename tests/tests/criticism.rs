@@ -342,6 +342,21 @@ fn leads(screen: &Screen, id: &str, among: usize) {
     );
 }
 
+/// What is left in frames that no fit has seen tells a mismatch as frames of development do.
+#[test]
+fn sealed_frames_share_what_was_planted_and_nothing_else() {
+    let capture = capture(1.0, &SMALL);
+    let mut study = study(&capture, LOBE, &SMALL);
+    let fit = truth(&study);
+    plant_on(&mut study, &fit, None);
+    let null = Structured::in_sealed_frames(&study, &fit).unwrap();
+    assert!(null < 0.2, "{null}");
+    let effect = effects::by_id("vignetting").unwrap();
+    plant_on(&mut study, &fit, Some((effect, &|k, _| [-0.3, -0.1][k])));
+    let planted = Structured::in_sealed_frames(&study, &fit).unwrap();
+    assert!(planted > 0.5, "{planted}");
+}
+
 /// From the photographs to the verdict: what the ignored tests below ask of screening alone, on a capture small enough for every day.
 #[test]
 fn what_was_planted_is_found_refitted_confirmed_and_told() {

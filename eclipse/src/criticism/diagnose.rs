@@ -199,6 +199,10 @@ pub fn diagnose<'a>(
     };
     let structured = [before, after].map(|fit| Structured::of(&study, fit));
     let judged = verdict::judged(structured);
+    let in_sealed = |fit: &Fit| Structured::in_sealed_frames(&study, fit);
+    let structured_sealed = in_sealed(before)
+        .zip(in_sealed(after))
+        .filter(|_| all_shared);
     let hot_spots = locate::hot_spots(&study, before, HOT_SPOTS);
     let hot_spots_after = locate::hot_spots(&study, after, HOT_SPOTS);
     let axes = axes::axes(&study, before, after);
@@ -246,6 +250,7 @@ pub fn diagnose<'a>(
         assumptions: assumptions(capture, light, &study),
         structured: structured.map(Structured::all),
         background: structured.map(|s| s.background),
+        structured_sealed: structured_sealed.map(|(before, after)| [before, after]),
         axes,
         seconds,
     };

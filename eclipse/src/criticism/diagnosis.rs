@@ -209,6 +209,9 @@ pub struct Diagnosis {
     pub structured: [f64; 2],
     /// The part of it that is in the background.
     pub background: [f64; 2],
+    /// That of the surface in frames that no fit has seen, before and after; absent where none is sealed, or where what was found has
+    /// numbers of single frames, which are unknown there.
+    pub structured_sealed: Option<[f64; 2]>,
     /// Mean residuals along axes.
     pub axes: Vec<Axis>,
     /// Seconds each part took: `all` of the diagnosis proper, its parts among it (`baseline`, `screen 1`, `refits 1`, …). The command
@@ -247,6 +250,7 @@ impl Diagnosis {
             assumptions: Vec::new(),
             structured: [2.0, 0.1],
             background: [0.0; 2],
+            structured_sealed: None,
             axes: Vec::new(),
             seconds: BTreeMap::new(),
         }

@@ -5,6 +5,7 @@ use serde::Serialize;
 use super::{
     fit::Fit,
     neighbours::{self, shared},
+    split::Role,
     statistics::{discoveries, normal_tail},
     study::Study,
 };
@@ -182,6 +183,14 @@ impl Structured {
         }
     }
 
+    /// That of the surface in frames that no fit has seen; absent where none is sealed.
+    pub fn in_sealed_frames(study: &Study<'_>, fit: &Fit) -> Option<f64> {
+        let residual = fit.residual(study);
+        let standard = |k: usize| f64::from(residual[k] / study.variance[k].sqrt());
+        let sealed = |v: usize| study.role[v] == Role::SealedFrame;
+        shared_on_surface(study, &standard, sealed).map(|shared| shared.max(0.0))
+    }
+
     /// Both.
     pub fn all(self) -> f64 {
         self.surface + self.background
@@ -189,10 +198,20 @@ impl Structured {
 }
 
 fn of_surface(study: &Study<'_>, standard: &dyn Fn(usize) -> f64) -> f64 {
+    shared_on_surface(study, standard, |v| study.develops(v)).unwrap_or(0.0)
+}
+
+/// Of the views that `counted` names; nothing where none of them are neighbours.
+fn shared_on_surface(
+    study: &Study<'_>,
+    standard: &dyn Fn(usize) -> f64,
+    counted: impl Fn(usize) -> bool,
+) -> Option<f64> {
     let sites = neighbours::sites(study);
-    let pairs = neighbours::views(study, &sites, |v| study.develops(v));
+    let pairs = neighbours::views(study, &sites, counted);
     let products = pairs.iter().map(|&pair| shared(pair, standard));
-    products.sum::<f64>() / pairs.len().max(1) as f64
+    let sum = products.sum::<f64>();
+    (!pairs.is_empty()).then(|| sum / pairs.len() as f64)
 }
 
 fn of_background(study: &Study<'_>, standard: &dyn Fn(usize) -> f64) -> f64 {

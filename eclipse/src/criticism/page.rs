@@ -261,7 +261,7 @@ fn others(d: &Diagnosis) -> String {
         format!("<p>To reconstruct with it: <code>{}</code></p>", escaped(c))
     });
     format!(
-        "<h2>Numbers</h2>{command}<p>χ² a sealed value {:.3} → {:.3}; RMS difference {:.5} → {:.5}; structured mismatch {:.3} → {:.3} of the noise's variance.</p>\
+        "<h2>Numbers</h2>{command}<p>χ² a sealed value {:.3} → {:.3}; RMS difference {:.5} → {:.5}; structured mismatch {:.3} → {:.3} of the noise's variance{}.</p>\
          <p>How far the refit moved what was fitted before (relative RMS):</p><ul>{}</ul><p>Seconds:</p><ul>{}</ul>",
         d.sealed.chi2_before,
         d.sealed.chi2_after,
@@ -269,6 +269,10 @@ fn others(d: &Diagnosis) -> String {
         d.sealed.rmse_after,
         d.structured[0],
         d.structured[1],
+        d.structured_sealed
+            .map_or(String::new(), |[before, after]| format!(
+                ", in frames that no fit has seen {before:.3} → {after:.3}"
+            )),
         list(&d.moved, ""),
         list(&d.seconds, " s")
     )

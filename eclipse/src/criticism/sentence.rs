@@ -20,7 +20,10 @@ pub fn sentence(d: &Diagnosis) -> String {
     let explained = 100.0 * (1.0 - d.unexplained_fraction);
     // Where neighbouring places share nothing beyond noise, there is no share of it to tell.
     let share = if d.structured[0] > STRUCTURE {
-        format!("explains {explained:.0} % of the structured mismatch")
+        let unseen = unseen(d).map_or(String::new(), |share| {
+            format!(" ({share:.0} % in frames that no fit has seen)")
+        });
+        format!("explains {explained:.0} % of the structured mismatch{unseen}")
     } else {
         "explains the photographs better, though neighbouring places differ by no more than noise"
             .to_owned()
@@ -100,6 +103,12 @@ pub fn sentence(d: &Diagnosis) -> String {
     }
 }
 
+/// The percentage of the surface's structured mismatch in sealed frames that is explained, where there is any to speak of.
+fn unseen(d: &Diagnosis) -> Option<f64> {
+    let [before, after] = d.structured_sealed?;
+    (before > STRUCTURE).then(|| 100.0 * (1.0 - after / before).max(0.0))
+}
+
 /// The first effect that others could take the place of.
 fn ambiguous(d: &Diagnosis) -> Option<&Finding> {
     d.effects.iter().find(|f| !f.ambiguous_with.is_empty())
@@ -164,6 +173,20 @@ mod tests {
             told.contains("Not explained: something that looks most like"),
             "{told}"
         );
+    }
+
+    #[test]
+    fn what_sealed_frames_say_stands_beside_what_fits_have_seen() {
+        let found = vec![Finding::example("vignetting", Vec::new())];
+        let mut d = Diagnosis::example(Verdict::Explained, found);
+        assert!(sentence(&d).contains("explains 95 % of the structured mismatch;"));
+        d.structured_sealed = Some([2.0, 0.24]);
+        let told = sentence(&d);
+        let expected =
+            "explains 95 % of the structured mismatch (88 % in frames that no fit has seen);";
+        assert!(told.contains(expected), "{told}");
+        d.structured_sealed = Some([0.1, 0.0]);
+        assert!(!sentence(&d).contains("seen"));
     }
 
     #[test]
