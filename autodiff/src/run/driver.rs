@@ -13,7 +13,7 @@ use super::fused::Fused;
 use super::lane::Lane;
 use super::lookup::interleave;
 use super::passes;
-use super::plan::{Marks, Plan, forward_plans, reverse_plans};
+use super::plan::{Plan, forward_plans};
 use super::replay::mark_replay;
 use super::room::{grow, scratch_len, stride, threads};
 use super::sizes::{Extent, Sizes};
@@ -39,13 +39,15 @@ pub(super) struct State<R> {
     pub(super) replay: Vec<bool>,
     pub(super) chunks: Vec<Vec<Mutex<Chunk<R>>>>,
     pub(super) strides: Vec<usize>,
-    places: Vec<Vec<Place>>,
+    pub(super) places: Vec<Vec<Place>>,
     /// Phases whose gradient is computed in one go.
-    pub(super) fused: Option<Fused>,
-    plans: Vec<Vec<Plan>>,
+    pub(super) fused: Option<Arc<Fused>>,
+    pub(super) plans: Vec<Vec<Plan>>,
     /// Which adjoints a phase has written, while its plans are made.
-    written: Vec<bool>,
-    pub(super) workers: Vec<Worker<R>>,
+    pub(super) written: Vec<bool>,
+    /// Behind a lock, so that they stay where they are if an operation of the user panics.
+    pub(super) workers: Mutex<Vec<Worker<R>>>,
+    pub(super) parts: Buffer<R::Part>,
     pub(super) column: Buffer<R>,
     pub(super) arch: Arch,
 }
@@ -259,100 +261,6 @@ impl<R: Lane> State<R> {
         }
     }
 
-    /// Forgets all seeds; adjoints are then seeded with [`State::seed`].
-    pub fn clear_adjoints(&mut self) {
-        self.seeded.fill(false);
-        self.live.fill(false);
-    }
-
-    /// The adjoint array of an output, ready to be added to.
-    pub fn seed(&mut self, program: &Program, id: NodeId) -> &mut [R] {
-        let len = self.len(id);
-        self.live[id] = program.nodes[id].active;
-        let first = !std::mem::replace(&mut self.seeded[id], true);
-        let adjoint = own(&mut self.adjoints[id]);
-        adjoint.ensure(len);
-        if first {
-            adjoint.as_mut_slice().fill(R::default());
-        }
-        adjoint.as_mut_slice()
-    }
-
-    /// Seeds an output with its own tangent, times weights.
-    pub fn seed_with_tangent(&mut self, id: NodeId, weights: Option<&[R]>) {
-        let tangent = self.tangents[id].as_slice();
-        let seeds = own(&mut self.adjoints[id]).as_mut_slice();
-        match weights {
-            None => seeds.copy_from_slice(tangent),
-            Some(weights) => {
-                for ((seed, t), w) in seeds.iter_mut().zip(tangent).zip(weights) {
-                    *seed = *t * *w;
-                }
-            }
-        }
-    }
-
-    /// Marks what seeds reach.
-    pub(super) fn spread_liveness(&mut self, program: &Program) {
-        for id in (0..program.nodes.len()).rev() {
-            if self.live[id] {
-                for &input in &program.nodes[id].inputs {
-                    self.live[input] |= program.nodes[input].active;
-                }
-            }
-        }
-    }
-
-    /// Passes the seeded adjoints back through some phases, of which one may have run already, and to the parameters.
-    pub fn reverse(&mut self, program: &Program, phases: Range<usize>, done: Option<usize>) {
-        self.spread_liveness(program);
-        for p in phases.clone().rev() {
-            let phase = &program.phases[p];
-            if !phase.nodes.iter().any(|&id| self.live[id]) {
-                continue;
-            }
-            if let Body::Map = phase.body {
-                self.map_adjoint(program, phase.nodes[0]);
-                continue;
-            }
-            if done != Some(p) {
-                self.plan_reverse(program, p);
-                self.prepare(program, p, Pass::Adjoints);
-                self.run(program, p, passes::reverse);
-            }
-            self.assemble_adjoints(program, p);
-        }
-        if phases.start > 0 {
-            return;
-        }
-        for (id, node) in program.nodes.iter().enumerate() {
-            if matches!(node.op, Op::Param) && !self.seeded[id] {
-                let len = self.len(id);
-                let adjoint = own(&mut self.adjoints[id]);
-                adjoint.ensure(len);
-                adjoint.as_mut_slice().fill(R::default());
-            }
-        }
-    }
-
-    /// Plans the way back through a phase.
-    pub(super) fn plan_reverse(&mut self, program: &Program, p: usize) {
-        self.mark_replay(program, p);
-        let marks = Marks {
-            live: &self.live,
-            seeded: &self.seeded,
-            replay: &self.replay,
-        };
-        reverse_plans(
-            program,
-            &program.phases[p],
-            &self.places[p],
-            &marks,
-            &mut self.written,
-            &mut self.plans[p],
-        );
-    }
-
     /// Makes room for a pass over a phase; does nothing when it ran before.
     pub(super) fn prepare(&mut self, program: &Program, p: usize, pass: Pass) {
         let (phase, extent, stride) = (&program.phases[p], &self.extent, self.strides[p]);
@@ -411,7 +319,7 @@ impl<R: Lane> State<R> {
     }
 
     /// Runs the chunks of a phase in parallel. Which thread takes which chunk has no influence on any result.
-    fn run(
+    pub(super) fn run(
         &mut self,
         program: &Program,
         p: usize,

@@ -2,6 +2,7 @@
 
 mod adjoint;
 mod assemble;
+mod backward;
 mod block;
 mod chunk;
 mod contract;
@@ -39,6 +40,7 @@ mod value;
 mod walk;
 mod workspace;
 
+mod zero;
 pub use explain::{Explanation, NodeCost};
 pub use gradcheck::{GradCheck, GradReport, ParamCheck};
 pub use inspect::NonFinite;
