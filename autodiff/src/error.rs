@@ -40,10 +40,16 @@ pub enum GraphError {
         location: String,
     },
     /// Values of two graphs in one operation.
-    #[error("`{op}` at {location} mixes values of two graphs: record both on the same graph")]
+    #[error(
+        "`{op}` at {location} mixes {lhs} with {rhs} of another graph: record both on the same graph"
+    )]
     OtherGraph {
         /// The operation.
         op: &'static str,
+        /// What belongs to the graph.
+        lhs: String,
+        /// What belongs to another.
+        rhs: String,
         /// File and line of the call.
         location: String,
     },

@@ -59,7 +59,7 @@ impl Program {
             }
             let values = ws.state.values[id].as_slice();
             let given = direction.iter().find(|(name, _)| {
-                matches!(node.op, Op::Param) && node.label.as_deref() == Some(name)
+                matches!(node.op, Op::Param) && node.name.as_deref() == Some(name)
             });
             let target = own(&mut state.values[id]);
             target.ensure(values.len());

@@ -86,7 +86,7 @@ impl Names {
                 Op::Mask => Leaf::Mask,
                 _ => return None,
             };
-            let name = node.label.clone().unwrap_or_default();
+            let name = node.name.clone().unwrap_or_default();
             Some((name, id, kind, program.shape_text(node.shape)))
         });
         let indices = program.indices.iter().map(|index| {
