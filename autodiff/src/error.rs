@@ -122,6 +122,16 @@ pub enum RunError {
         /// The call that binds it.
         call: &'static str,
     },
+    /// A result that is not there, or not that of what is bound.
+    #[error("the {what} of `{name}` has not been computed for what is bound: call {call} first")]
+    NotComputed {
+        /// A value, a tangent, a gradient ..
+        what: &'static str,
+        /// The output or parameter.
+        name: String,
+        /// The call that computes it.
+        call: &'static str,
+    },
     /// An operation that only has first derivatives was asked for second ones.
     #[error(
         "`{op}` is `FirstOrderOnly`: write it generically over `Real` to have Hessian-vector products"

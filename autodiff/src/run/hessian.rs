@@ -2,7 +2,7 @@
 
 use super::driver::{State, own};
 use super::modes::Engine;
-use super::workspace::Workspace;
+use super::workspace::{Workspace, not_computed};
 use crate::buffer::Buffer;
 use crate::error::RunError;
 use crate::graph::Op;
@@ -95,13 +95,27 @@ impl Program {
 }
 
 impl<S: Scalar> Workspace<S> {
-    /// The part of the last Hessian-vector product that belongs to a parameter; empty before [`Program::hvp`].
+        ws.has_gradient = true;
+    /// The part of the last Hessian-vector product that belongs to a parameter.
     ///
     /// # Errors
-    /// An unknown name.
+    /// An unknown name; no [`Program::hvp`] before.
     pub fn hessian_product(&self, name: &str) -> Result<&[S], RunError> {
         let (id, _) = self.param(name)?;
-        let curvature = self.curvature.as_ref();
-        Ok(curvature.map_or(&[], |curvature| curvature.products[id].as_slice()))
+        let Some(curvature) = &self.curvature else {
+            return Err(not_computed(
+                "Hessian-vector product",
+                name,
+                "`Program::hvp`",
+            ));
+        };
+        Ok(curvature.products[id].as_slice())
+    }
+}
+
+impl<S: Scalar> Curvature<S> {
+    /// Heap bytes held.
+    pub fn bytes(&self) -> usize {
+        self.state.bytes() + self.products.iter().map(Buffer::bytes).sum::<usize>()
     }
 }

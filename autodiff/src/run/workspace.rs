@@ -24,6 +24,11 @@ pub struct Workspace<S: Scalar> {
     bound_index: Vec<bool>,
     /// Whether whole values are those of the bound arrays.
     pub(super) fresh: bool,
+    /// Whether gradients, and tangents, have been computed.
+    pub(super) has_gradient: bool,
+    pub(super) has_tangent: bool,
+    /// Stands for an index array that is not there.
+    pub(super) no_index: Arc<[u32]>,
     names: Names,
     pub(super) sizes: Sizes,
     pub(super) curvature: Option<Box<Curvature<S>>>,
@@ -70,6 +75,9 @@ impl Program {
             bound: self.used.iter().map(|used| !used).collect(),
             bound_index: self.used_indices.iter().map(|used| !used).collect(),
             fresh: false,
+            has_gradient: false,
+            has_tangent: false,
+            no_index: Arc::from([]),
             names: Names::new(self),
             sizes: sizes.clone(),
             curvature: None,
@@ -193,26 +201,34 @@ impl<S: Scalar> Workspace<S> {
         Ok(())
     }
 
-    /// The value of an output, after a forward pass.
+    /// The value of an output, `[channel][lane][axis]`, as of what is bound now.
     ///
     /// # Errors
     /// An unknown name.
     pub fn output(&self, name: &str) -> Result<&[S], RunError> {
-        Ok(self.state.values[self.output_id(name)?].as_slice())
+        let id = self.output_id(name)?;
+        match self.fresh {
+            true => Ok(self.state.values[id].as_slice()),
+            false => Err(not_computed("value", name, "`Program::forward`")),
+        }
     }
 
-    /// The tangent of an output, after [`Program::jvp`].
+    /// The tangent of an output, as long as the output, by the last [`Program::jvp`].
     ///
     /// # Errors
-    /// An unknown name.
+    /// An unknown name; no gradient has been computed before.
     pub fn tangent(&self, name: &str) -> Result<&[S], RunError> {
-        Ok(self.state.tangents[self.output_id(name)?].as_slice())
+        let id = self.output_id(name)?;
+        match self.has_tangent {
+            true => Ok(self.state.tangents[id].as_slice()),
+            false => Err(not_computed("tangent", name, "`Program::jvp`")),
+        }
     }
 
-    /// The gradient of a parameter, after [`Program::vjp`] or [`Program::gauss_newton`].
+    /// The gradient of a parameter, as long as the parameter, by the last [`Program::vjp`] or [`Program::gauss_newton`].
     ///
     /// # Errors
-    /// An unknown name.
+    /// An unknown name; nothing has run since something was bound ([`Program::hvp`] computes no outputs).
     pub fn gradient(&self, name: &str) -> Result<&[S], RunError> {
         let (id, _) = self.leaf(name, |kind| kind == Leaf::Param, "parameter")?;
         Ok(self.state.adjoints[id].as_slice())
@@ -221,12 +237,15 @@ impl<S: Scalar> Workspace<S> {
     /// The array bound to a parameter or input; empty before it is bound.
     ///
     /// # Errors
-    /// An unknown name.
+    /// An unknown name; no tangent has been computed before.
     pub fn value(&self, name: &str) -> Result<&[S], RunError> {
         let (id, _) = self.leaf(name, |kind| kind != Leaf::Mask, "parameter or input")?;
         Ok(self.state.values[id].as_slice())
     }
 
+        if !self.has_gradient {
+            return Err(not_computed("gradient", name, "`Program::vjp`"));
+        }
     /// Heap bytes held now, without what Hessian-vector products keep; shared arrays are not counted.
     pub fn bytes(&self) -> usize {
         self.state.bytes()
@@ -324,5 +343,14 @@ impl<S: Scalar> Workspace<S> {
         let buffer: &mut Buffer<S> = own(&mut self.state.tangents[id]);
         buffer.ensure(len);
         buffer.as_mut_slice()
+    }
+}
+
+/// The error of asking for what has not been computed.
+pub(super) fn not_computed(what: &'static str, name: &str, call: &'static str) -> RunError {
+    RunError::NotComputed {
+        what,
+        name: name.to_string(),
+        call,
     }
 }
