@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use pulp::Arch;
 use rayon::prelude::*;
@@ -23,7 +23,7 @@ use crate::graph::{NodeId, Op};
 use crate::program::{Body, Program};
 
 /// All that a run changes, for one scalar type.
-pub(super) struct State<R> {
+pub(super) struct State<R: Lane> {
     pub extent: Extent,
     pub values: Vec<Whole<R>>,
     pub tangents: Vec<Whole<R>>,
@@ -106,12 +106,13 @@ impl<R: Lane> State<R> {
             seeded: vec![false; nodes],
             replay: vec![false; nodes],
             chunks,
-            fused: Fused::new(program, &extent, &strides, &resolved),
+            fused: Fused::new(program, &extent, &strides, &resolved).map(Arc::new),
             strides,
             places: resolved,
             plans,
             written: Vec::new(),
-            workers: (0..threads).map(|_| Worker::new()).collect(),
+            workers: Mutex::new((0..threads).map(|_| Worker::new()).collect()),
+            parts: Buffer::zeros(0),
             column: Buffer::zeros(0),
             arch: Arch::new(),
             extent,
@@ -155,13 +156,14 @@ impl<R: Lane> State<R> {
             Whole::Owned(buffer) => buffer.bytes(),
             Whole::Shared(_) => 0,
         });
-        let chunks = self.chunks.iter().flatten().map(|chunk| {
-            let chunk = chunk.lock().unwrap_or_else(PoisonError::into_inner);
-            chunk.bytes()
-        });
+        let chunks = self
+            .chunks
+            .iter()
+            .flatten()
+            .map(|chunk| lock(chunk).bytes());
         whole.sum::<usize>()
             + chunks.sum::<usize>()
-            + self.workers.iter().map(Worker::bytes).sum::<usize>()
+            + lock(&self.workers).iter().map(Worker::bytes).sum::<usize>()
             + tables.map(Buffer::bytes).sum::<usize>()
             + self.column.bytes()
     }
@@ -265,7 +267,7 @@ impl<R: Lane> State<R> {
     pub(super) fn prepare(&mut self, program: &Program, p: usize, pass: Pass) {
         let (phase, extent, stride) = (&program.phases[p], &self.extent, self.strides[p]);
         for chunk in &mut self.chunks[p] {
-            let chunk = chunk.get_mut().unwrap_or_else(PoisonError::into_inner);
+            let chunk = unlocked(chunk);
             let span = chunk.span.clone();
             let store = || {
                 phase
@@ -302,7 +304,7 @@ impl<R: Lane> State<R> {
             shape.channels * stride * extent.axis(shape.axis)
         };
         let scratch = scratch_len(program, phase, stride, widest(program, extent, phase));
-        for worker in &mut self.workers {
+        for worker in unlocked(&mut self.workers) {
             grow(&mut worker.values, phase, phase.computed, room);
             if pass == Pass::Tangents {
                 grow(&mut worker.tangents, phase, phase.computed, room);
@@ -327,10 +329,11 @@ impl<R: Lane> State<R> {
     ) {
         let mut workers = std::mem::take(&mut self.workers);
         let env = self.env(program, p);
-        share(&mut workers, &self.chunks[p], |worker, chunk| {
-            work(&env, worker, chunk)
-        });
-        self.workers = workers;
+        share(
+            &mut lock(&self.workers),
+            &self.chunks[p],
+            |worker, chunk| work(&env, worker, chunk),
+        );
     }
 
     /// What the blocks of a phase share.
@@ -356,6 +359,16 @@ impl<R: Lane> State<R> {
         }
     }
 }
+/// What a lock guards, whether or not somebody panicked meanwhile: all of it is written before it is read.
+pub(super) fn lock<T>(guarded: &Mutex<T>) -> MutexGuard<'_, T> {
+    guarded.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The same for who needs no lock.
+pub(super) fn unlocked<T>(guarded: &mut Mutex<T>) -> &mut T {
+    guarded.get_mut().unwrap_or_else(PoisonError::into_inner)
+}
+
 
 /// Has the workers take chunks until there are none left.
 pub(super) fn share<R: Lane>(
@@ -366,8 +379,7 @@ pub(super) fn share<R: Lane>(
     let next = AtomicUsize::new(0);
     let drain = |worker: &mut Worker<R>| {
         while let Some(chunk) = chunks.get(next.fetch_add(1, Ordering::Relaxed)) {
-            let mut chunk = chunk.lock().unwrap_or_else(PoisonError::into_inner);
-            work(worker, &mut chunk);
+            work(worker, &mut lock(chunk));
         }
     };
     if workers.len() == 1 || chunks.len() == 1 {

@@ -1,11 +1,9 @@
 //! Runs a program node by node on one thread, watched: for profiles and for finding singularities.
 
-use std::sync::PoisonError;
-
 use super::adjoint::adjoint;
 use super::block::{Env, Lanes, Worker, blocks, is_constant};
 use super::chunk::Chunk;
-use super::driver::State;
+use super::driver::{State, lock};
 use super::lane::Lane;
 use super::passes::{fill_constants, replay_node, seed, sink_position};
 use super::sinks::accumulate;
@@ -67,12 +65,11 @@ impl<R: Lane> State<R> {
         p: usize,
         mut work: impl FnMut(&Env<R>, &mut Worker<R>, &mut Chunk<R>),
     ) {
-        let mut workers = std::mem::take(&mut self.workers);
+        let mut workers = lock(&self.workers);
         if let Some(worker) = workers.first_mut() {
             let env = self.env(program, p);
             for chunk in &self.chunks[p] {
-                let mut chunk = chunk.lock().unwrap_or_else(PoisonError::into_inner);
-                work(&env, worker, &mut chunk);
+                work(&env, worker, &mut lock(chunk));
             }
         }
         self.workers = workers;
