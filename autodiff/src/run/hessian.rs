@@ -19,10 +19,11 @@ impl Program {
     /// Product of the Hessian of an output (of the sum of its elements) with a direction in parameter space; parameters not
     /// named stand still. Read it with [`Workspace::hessian_product`]; the gradient is computed too.
     ///
-    /// Exact: forward differentiation of the reverse pass. It needs about twice the memory of a gradient in addition.
+    /// Exact: forward differentiation of the reverse pass. It needs about twice the memory of a gradient in addition
+    /// ([`crate::Memory::hessian`]). What is detached is held still, as samples are.
     ///
     /// # Errors
-    /// As [`Program::jvp`] and [`Program::vjp`]; an operation that is [`crate::FirstOrderOnly`].
+    /// As [`Program::jvp`] and [`Program::vjp`]; an operation that is [`crate::FirstOrderOnly`] where the gradient passes it.
     pub fn hvp<S: Scalar>(
         &self,
         ws: &mut Workspace<S>,
@@ -31,8 +32,10 @@ impl Program {
     ) -> Result<(), RunError> {
         ws.check_ready(self)?;
         let target = ws.output_id(output)?;
-        for node in &self.nodes {
+        ws.state.mark_live(self, target);
+        for (node, live) in self.nodes.iter().zip(&ws.state.live) {
             if let Op::Custom(op) = &node.op
+                && *live
                 && op.is_first_order()
             {
                 return Err(RunError::FirstOrderOnly {
