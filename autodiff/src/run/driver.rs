@@ -1,6 +1,5 @@
 //! Running phases: chunks in parallel, then their private results into whole arrays, in a fixed order.
 
-use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -166,6 +165,7 @@ impl<R: Lane> State<R> {
             + lock(&self.workers).iter().map(Worker::bytes).sum::<usize>()
             + tables.map(Buffer::bytes).sum::<usize>()
             + self.column.bytes()
+            + self.parts.bytes()
     }
 
     /// The tangents of moving nodes where all values are those of what is bound already: linear maps, which are the most of many
@@ -327,7 +327,6 @@ impl<R: Lane> State<R> {
         p: usize,
         work: impl Fn(&Env<R>, &mut Worker<R>, &mut Chunk<R>) + Sync,
     ) {
-        let mut workers = std::mem::take(&mut self.workers);
         let env = self.env(program, p);
         share(
             &mut lock(&self.workers),
@@ -359,6 +358,7 @@ impl<R: Lane> State<R> {
         }
     }
 }
+
 /// What a lock guards, whether or not somebody panicked meanwhile: all of it is written before it is read.
 pub(super) fn lock<T>(guarded: &Mutex<T>) -> MutexGuard<'_, T> {
     guarded.lock().unwrap_or_else(PoisonError::into_inner)
@@ -368,7 +368,6 @@ pub(super) fn lock<T>(guarded: &Mutex<T>) -> MutexGuard<'_, T> {
 pub(super) fn unlocked<T>(guarded: &mut Mutex<T>) -> &mut T {
     guarded.get_mut().unwrap_or_else(PoisonError::into_inner)
 }
-
 
 /// Has the workers take chunks until there are none left.
 pub(super) fn share<R: Lane>(

@@ -92,13 +92,15 @@ impl Program {
                 (*gradient, *product) = S::split(*dual);
             }
         }
+        // Index arrays are the workspace's alone again, so that the next ones are copied into them.
+        state.indices.fill(ws.no_index.clone());
         ws.curvature = Some(curvature);
+        ws.has_gradient = true;
         Ok(())
     }
 }
 
 impl<S: Scalar> Workspace<S> {
-        ws.has_gradient = true;
     /// The part of the last Hessian-vector product that belongs to a parameter.
     ///
     /// # Errors

@@ -52,7 +52,7 @@ impl Program {
     /// A workspace with these sizes.
     ///
     /// # Errors
-    /// A domain or axis without a size, contradicting sizes, a linear map of the wrong shape.
+    /// A domain or axis without a size, contradicting sizes, an axis of no elements, a linear map of the wrong shape.
     pub fn workspace<S: Scalar>(&self, sizes: &Sizes) -> Result<Workspace<S>, RunError> {
         let extent = Extent::new(self, sizes)?;
         for (id, node) in self.nodes.iter().enumerate() {
@@ -157,7 +157,14 @@ impl<S: Scalar> Workspace<S> {
     /// # Errors
     /// As [`Workspace::set`]; an index out of range of its table.
     pub fn set_index(&mut self, name: &str, values: &[u32]) -> Result<(), RunError> {
-        self.bind_index(name, Arc::from(values))
+        let id = self.check_index(name, values)?;
+        // In place, if nobody else holds the array.
+        match Arc::get_mut(&mut self.state.indices[id]) {
+            Some(own) if own.len() == values.len() => own.copy_from_slice(values),
+            _ => self.state.indices[id] = Arc::from(values),
+        }
+        self.touch_index(id);
+        Ok(())
     }
 
     /// Binds a shared index array, without a copy.
@@ -165,6 +172,14 @@ impl<S: Scalar> Workspace<S> {
     /// # Errors
     /// As [`Workspace::set_index`].
     pub fn bind_index(&mut self, name: &str, values: Arc<[u32]>) -> Result<(), RunError> {
+        let id = self.check_index(name, &values)?;
+        self.state.indices[id] = values;
+        self.touch_index(id);
+        Ok(())
+    }
+
+    /// The position of an index array that may hold these values.
+    fn check_index(&self, name: &str, values: &[u32]) -> Result<usize, RunError> {
         let known = self.names.indices.iter().position(|index| index.0 == name);
         let Some(id) = known else {
             return Err(RunError::Unknown {
@@ -195,16 +210,13 @@ impl<S: Scalar> Workspace<S> {
                 lanes,
             });
         }
-        self.state.indices[id] = values;
-        self.bound_index[id] = true;
-        self.fresh = false;
-        Ok(())
+        Ok(id)
     }
 
     /// The value of an output, `[channel][lane][axis]`, as of what is bound now.
     ///
     /// # Errors
-    /// An unknown name.
+    /// An unknown name; nothing has run since something was bound ([`Program::hvp`] computes no outputs).
     pub fn output(&self, name: &str) -> Result<&[S], RunError> {
         let id = self.output_id(name)?;
         match self.fresh {
@@ -216,7 +228,7 @@ impl<S: Scalar> Workspace<S> {
     /// The tangent of an output, as long as the output, by the last [`Program::jvp`].
     ///
     /// # Errors
-    /// An unknown name; no gradient has been computed before.
+    /// An unknown name; no tangent has been computed before.
     pub fn tangent(&self, name: &str) -> Result<&[S], RunError> {
         let id = self.output_id(name)?;
         match self.has_tangent {
@@ -228,27 +240,28 @@ impl<S: Scalar> Workspace<S> {
     /// The gradient of a parameter, as long as the parameter, by the last [`Program::vjp`] or [`Program::gauss_newton`].
     ///
     /// # Errors
-    /// An unknown name; nothing has run since something was bound ([`Program::hvp`] computes no outputs).
+    /// An unknown name; no gradient has been computed before.
     pub fn gradient(&self, name: &str) -> Result<&[S], RunError> {
         let (id, _) = self.leaf(name, |kind| kind == Leaf::Param, "parameter")?;
+        if !self.has_gradient {
+            return Err(not_computed("gradient", name, "`Program::vjp`"));
+        }
         Ok(self.state.adjoints[id].as_slice())
     }
 
     /// The array bound to a parameter or input; empty before it is bound.
     ///
     /// # Errors
-    /// An unknown name; no tangent has been computed before.
+    /// An unknown name.
     pub fn value(&self, name: &str) -> Result<&[S], RunError> {
         let (id, _) = self.leaf(name, |kind| kind != Leaf::Mask, "parameter or input")?;
         Ok(self.state.values[id].as_slice())
     }
 
-        if !self.has_gradient {
-            return Err(not_computed("gradient", name, "`Program::vjp`"));
-        }
-    /// Heap bytes held now, without what Hessian-vector products keep; shared arrays are not counted.
+    /// Heap bytes held now; index arrays and shared arrays are not counted.
     pub fn bytes(&self) -> usize {
-        self.state.bytes()
+        let curvature = self.curvature.as_ref();
+        self.state.bytes() + curvature.map_or(0, |curvature| curvature.bytes())
     }
 
     pub(super) fn output_id(&self, name: &str) -> Result<NodeId, RunError> {
@@ -334,6 +347,11 @@ impl<S: Scalar> Workspace<S> {
 
     fn touch(&mut self, id: NodeId) {
         self.bound[id] = true;
+        self.fresh = false;
+    }
+
+    fn touch_index(&mut self, id: usize) {
+        self.bound_index[id] = true;
         self.fresh = false;
     }
 
