@@ -144,7 +144,7 @@ impl<A: Kind> Array<A> {
         self.unary(Element::Clamp { low, high }, Location::caller())
     }
 
-    /// `x^n` for a whole `n`, by repeated squaring.
+    /// `x^n` for a whole `n`, by repeated squaring. `x^0` is 1 for all finite `x`.
     #[track_caller]
     pub fn powi(&self, n: i32) -> Array<A> {
         let location = Location::caller();
@@ -171,7 +171,7 @@ impl<A: Kind> Array<A> {
         }
     }
 
-    /// `x^exponent` for `x >= 0`; `x^0` is 1. The derivative by the exponent at `x = 0` is 0.
+    /// `x^exponent` for `x >= 0`, NaN below; `x^0` is 1. The derivative by the exponent at `x = 0` is 0.
     #[track_caller]
     pub fn pow<B: Kind>(&self, exponent: &Array<B>) -> Array<A::Out>
     where
@@ -189,7 +189,7 @@ impl<A: Kind> Array<A> {
         self.binary(x, Element::Atan2, Location::caller())
     }
 
-    /// The smaller of two values; a tie differentiates `self`.
+    /// The smaller of two values; a tie, or a NaN on either side, gives and differentiates `self`.
     #[track_caller]
     pub fn min<B: Kind>(&self, other: &Array<B>) -> Array<A::Out>
     where
@@ -198,7 +198,7 @@ impl<A: Kind> Array<A> {
         self.binary(other, Element::Min, Location::caller())
     }
 
-    /// The larger of two values; a tie differentiates `self`.
+    /// The larger of two values; a tie, or a NaN on either side, gives and differentiates `self`.
     #[track_caller]
     pub fn max<B: Kind>(&self, other: &Array<B>) -> Array<A::Out>
     where
