@@ -24,6 +24,7 @@ mod maps;
 mod matmul;
 mod memory;
 mod modes;
+mod origin;
 mod passes;
 mod plan;
 mod replay;
@@ -39,8 +40,8 @@ mod tiles;
 mod value;
 mod walk;
 mod workspace;
-
 mod zero;
+
 pub use explain::{Explanation, NodeCost};
 pub use gradcheck::{GradCheck, GradReport, ParamCheck};
 pub use inspect::NonFinite;

@@ -25,6 +25,10 @@ pub(crate) trait Observer<R> {
         let _ = (id, way);
         work();
     }
+    /// Whether the way back needs all values, not only those that adjoints are made of.
+    fn wants_values(&self) -> bool {
+        false
+    }
     /// Sees a block before a node passes its adjoint on.
     #[allow(private_interfaces)]
     fn before_adjoint(&mut self, env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes, id: NodeId) {
@@ -72,7 +76,6 @@ impl<R: Lane> State<R> {
                 work(&env, worker, &mut lock(chunk));
             }
         }
-        self.workers = workers;
     }
 }
 
@@ -113,8 +116,11 @@ fn walk_reverse<R: Lane>(
     fill_constants(env, worker, |_| true);
     for lanes in blocks(chunk, env.stride) {
         for &id in &env.phase.nodes {
-            observer.around(id, Way::Reverse, &mut || {
-                replay_node(env, worker, lanes, id)
+            let op = &env.program.nodes[id].op;
+            let wanted = observer.wants_values() && !op.is_sink() && !is_constant(op);
+            observer.around(id, Way::Reverse, &mut || match wanted {
+                true => value(env, worker, lanes, id),
+                false => replay_node(env, worker, lanes, id),
             });
         }
         worker.written[..env.phase.locals.len()].fill(false);
