@@ -111,7 +111,11 @@ impl Program {
             let phase = &self.phases[p];
             stride(self, extent, phase, sizes, &spans(self, extent, phase))
         };
-        let fused = fused::lengths(self, extent, stride);
+        // Dual numbers run in separate passes.
+        let fused = match R::PACKED {
+            true => fused::lengths(self, extent, stride),
+            false => Vec::new(),
+        };
         for phase in self
             .phases
             .iter()
