@@ -129,3 +129,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     );
     Ok(())
 }
+
+#[test]
+fn the_normals_are_found() {
+    assert!(main().is_ok());
+}

@@ -120,3 +120,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("start, fit and truth: {}", path.display());
     Ok(())
 }
+
+#[test]
+fn the_disc_is_found() {
+    assert!(main().is_ok());
+}

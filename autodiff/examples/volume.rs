@@ -151,3 +151,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("true and found smoke: {}", path.display());
     Ok(())
 }
+
+#[test]
+fn the_smoke_is_found() {
+    assert!(main().is_ok());
+}

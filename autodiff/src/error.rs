@@ -40,10 +40,16 @@ pub enum GraphError {
         location: String,
     },
     /// Values of two graphs in one operation.
-    #[error("`{op}` at {location} mixes values of two graphs: record both on the same graph")]
+    #[error(
+        "`{op}` at {location} mixes {lhs} with {rhs} of another graph: record both on the same graph"
+    )]
     OtherGraph {
         /// The operation.
         op: &'static str,
+        /// What belongs to the graph.
+        lhs: String,
+        /// What belongs to another.
+        rhs: String,
         /// File and line of the call.
         location: String,
     },
@@ -114,6 +120,16 @@ pub enum RunError {
         /// Its shape.
         shape: String,
         /// The call that binds it.
+        call: &'static str,
+    },
+    /// A result that is not there, or not that of what is bound.
+    #[error("the {what} of `{name}` has not been computed for what is bound: call {call} first")]
+    NotComputed {
+        /// A value, a tangent, a gradient ..
+        what: &'static str,
+        /// The output or parameter.
+        name: String,
+        /// The call that computes it.
         call: &'static str,
     },
     /// An operation that only has first derivatives was asked for second ones.

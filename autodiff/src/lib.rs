@@ -60,24 +60,32 @@
 //! AVX2 where there are any, whatever the compiler was told.
 //!
 //! # Singularities and kinks
-//! A derivative of exactly 0 contributes exactly 0, whatever it is multiplied with, in both directions: the branch of a
-//! [`Mask::select`] that is not taken contributes nothing, even if it holds a NaN. What is not masked is not clamped either;
-//! [`Program::find_non_finite`] tells where a NaN or an infinity first appeared, and [`Program::find_singularities`] (strict
-//! mode) where a partial derivative was infinite, masked or not.
+//! A derivative of exactly 0 contributes exactly 0, whatever it is multiplied with, in both directions and in every operation: the
+//! branch of a [`Mask::select`] that is not taken contributes nothing, even if it holds a NaN, and a lane whose result is masked
+//! adds nothing to the weights of a network. What is not masked is not clamped either; [`Program::find_non_finite`] tells where a
+//! NaN or an infinity in an output began, and [`Program::find_singularities`] (strict mode) where a derivative was infinite,
+//! masked or not.
 //!
 //! | operation | value | derivative |
 //! | --- | --- | --- |
-//! | `sqrt` at 0 | 0 | infinite |
-//! | `rsqrt`, `recip` at 0 | infinite | infinite, or NaN |
-//! | `ln` at 0; below | minus infinity; NaN | infinite |
-//! | `pow` at base 0: exponent 0; in (0, 1); 1; above | 1; 0; 0; 0 | 0; infinite; 1; 0 by the base, 0 by the exponent |
-//! | `pow` of a negative base | NaN | NaN |
-//! | `acos` at -1 and 1 | pi, 0 | minus infinity |
+//! | `sqrt` at 0; below | 0; NaN | infinite; NaN |
+//! | `rsqrt` at 0; below | infinite; NaN | minus infinity; NaN |
+//! | `recip`, and a number over 0 | infinite | minus infinity |
+//! | `x / 0`: `x` not 0; 0 | infinite; NaN | infinite by `x`; by the divisor infinite; NaN |
+//! | `x * y.recip()` where both are 0 | NaN | infinite by `x`, 0 by `y` |
+//! | `ln` at 0; below | minus infinity; NaN | infinite; `1 / x` |
+//! | `pow` at base 0: exponent below 0; 0; in (0, 1); 1; above | infinite; 1; 0; 0; 0 | by the base minus infinity; 0; infinite; 1; 0, by the exponent 0 |
+//! | `pow` of a negative base: exponent 0; 1; others | 1; NaN; NaN | by the base 0; 1; NaN, by the exponent NaN |
+//! | `powi` at 0: exponent 0; -1; below | 1; infinite; infinite | 0; minus infinity; NaN |
+//! | `acos` at -1 and 1; beyond | pi, 0; NaN | minus infinity; NaN |
 //! | `atan2` at (0, 0) | 0 | NaN |
-//! | `normalize` of the zero vector | NaN | NaN |
+//! | `normalize` of the zero vector | NaN | infinite |
+//! | `log_sum_exp` of minus infinities alone | NaN | NaN |
 //! | `abs`, `relu` at 0 | 0 | 0 |
+//! | `relu`, `clamp` of NaN | NaN | 0, 1 |
 //! | `clamp` at a bound | the bound | 1 |
 //! | `min`, `max` at a tie | either | all of it to the first operand |
+//! | `min`, `max` of a NaN and a number | the first operand | all of it to the first operand |
 //!
 //! Mistakes in formulas are returned by [`Graph::compile`], with both operands and the place in the source; mistakes in what
 //! is bound are returned when it is bound.

@@ -2,6 +2,7 @@
 
 use autodiff::{Graph, RunError, Sizes, Var};
 use proptest::prelude::*;
+use proptest::test_runner::FileFailurePersistence;
 
 /// `t x^2` over the density `(t + 1) x^t` of `x`, whose mean is `t / 3`. The parameter has a lane for each sample, so that its
 /// gradient is that of each sample by itself.
@@ -10,6 +11,16 @@ fn estimator(g: &Graph) -> Var {
     let t = g.param("t", &lane, 1);
     let x = g.input("x", &lane, 1);
     let density = g.input("density", &lane, 1);
+    t * x.square() / density
+}
+
+/// The same with samples and densities that are recorded, and depend on `t`, but are detached.
+fn sampled_estimator(g: &Graph) -> Var {
+    let lane = g.domain("sample");
+    let t = g.param("t", &lane, 1);
+    let u = g.input("u", &lane, 1);
+    let x = u.pow(&(1.0 / (&t + 1.0))).detach();
+    let density = ((&t + 1.0) * x.pow(&t)).detach();
     t * x.square() / density
 }
 
@@ -26,7 +37,7 @@ fn uniform(seed: u64, n: usize) -> Vec<f64> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 16, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 16, failure_persistence: Some(Box::new(FileFailurePersistence::Direct("tests/detach.regressions"))), ..ProptestConfig::default() })]
 
     #[test]
     fn the_mean_of_a_detached_estimator_is_the_derivative_of_the_integral(seed in 0u64..1 << 40, t in 0.2..2.0f64) {
@@ -34,13 +45,19 @@ proptest! {
         let program = g.compile(&[("sum", &estimator(&g).sum())]).unwrap();
         let n = 4000;
         let mut ws = program.workspace::<f64>(&Sizes::new().lanes("sample", n)).unwrap();
-        let x: Vec<f64> = uniform(seed, n).iter().map(|u| u.powf(1.0 / (t + 1.0))).collect();
+        let u = uniform(seed, n);
+        let x: Vec<f64> = u.iter().map(|u| u.powf(1.0 / (t + 1.0))).collect();
         let density: Vec<f64> = x.iter().map(|x| (t + 1.0) * x.powf(t)).collect();
         ws.set("x", &x).unwrap();
         ws.set("density", &density).unwrap();
         ws.set("t", &vec![t; n]).unwrap();
-        program.vjp(&mut ws, "sum").unwrap();
-        let slopes = ws.gradient("t").unwrap().to_vec();
+        let g = Graph::new();
+        let sampled = g.compile(&[("sum", &sampled_estimator(&g).sum())]).unwrap();
+        let mut drawn = sampled.workspace::<f64>(&Sizes::new().lanes("sample", n)).unwrap();
+        drawn.set("u", &u).unwrap();
+        drawn.set("t", &vec![t; n]).unwrap();
+        sampled.vjp(&mut drawn, "sum").unwrap();
+        let slopes = drawn.gradient("t").unwrap().to_vec();
 
         let mean = slopes.iter().sum::<f64>() / n as f64;
         let variance = slopes.iter().map(|s| (s - mean).powi(2)).sum::<f64>() / (n - 1) as f64;

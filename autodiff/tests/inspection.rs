@@ -1,6 +1,8 @@
 //! What helps to find a mistake: `gradcheck`, strict mode, `explain`.
 
-use autodiff::{FirstOrderOnly, GradCheck, Graph, Program, Sizes, Var, Workspace};
+use std::sync::Arc;
+
+use autodiff::{FirstOrderOnly, GradCheck, Graph, LinearMap, Program, Sizes, Var, Workspace};
 
 fn check(record: impl Fn(&Graph, &Var) -> Var) -> autodiff::GradReport {
     let g = Graph::new();
@@ -55,6 +57,45 @@ fn a_wrong_slope_is_caught() {
     assert!(!report.passed());
     assert!(report.params[0].difference_error > 1e-4);
     assert!(report.to_string().contains("WRONG"));
+}
+
+#[test]
+fn a_wrong_slope_is_caught_whatever_the_size_of_the_output() {
+    for offset in [0.0, 1.0, 1e3, -1e6] {
+        let with = |factor| check(|g, x| g.custom_first_order(Cube { factor }, [x]) + offset);
+        let (right, wrong) = (with(1.0), with(1.0001));
+        assert!(right.passed(), "{offset}: {right}");
+        assert!(!wrong.passed(), "{offset}: {wrong}");
+        // The gradient of a small share of a large output.
+        let with = |factor| {
+            check(|g, x| {
+                x.detach().square() * 0.0
+                    + g.custom_first_order(Cube { factor }, [x]) * 1e-3
+                    + offset
+            })
+        };
+        let (right, wrong) = (with(1.0), with(1.01));
+        assert!(right.passed(), "{offset}: {right}");
+        assert!(!wrong.passed(), "{offset}: {wrong}");
+    }
+    // A wrong second derivative beside a large gradient: of `x y^2`, held still, by `y`.
+    let report = check(|_, x| x * 1e4 + x.detach() * x.square());
+    assert!(report.params[0].hessian_error > Some(1e-4), "{report}");
+    let report = check(|_, x| x * 1e4 + x.square() * x);
+    assert!(report.passed(), "{report}");
+}
+
+#[test]
+fn what_no_output_depends_on_is_not_checked() {
+    let g = Graph::new();
+    let lane = g.domain("lane");
+    let (x, _) = (g.param("x", &lane, 1), g.param("unused", &lane, 1));
+    let program = g.compile(&[("y", &x.sin())]).unwrap();
+    let mut ws = workspace(&program, &[0.3, 0.7]);
+    let report = program
+        .gradcheck(&mut ws, "y", &GradCheck::default())
+        .unwrap();
+    assert!(report.passed() && report.params.len() == 1, "{report}");
 }
 
 #[test]
@@ -139,4 +180,188 @@ fn explain_lists_every_node_and_changes_nothing() {
     assert!(shaded.forward.as_nanos() > 0 && shaded.reverse.as_nanos() > 0);
     assert!(shaded.whole_bytes == 0 && shaded.arena_bytes > 0);
     assert!(explained.to_string().contains("shaded (sample x 3)"));
+}
+
+#[test]
+fn strict_mode_shows_the_operands_of_the_lane_that_it_names() {
+    // The slope of a root is made of its result: operands are not computed again for gradients. Several blocks follow.
+    let g = Graph::new();
+    let lane = g.domain("lane");
+    let x = g.param("x", &lane, 1);
+    let root = (&x - 1.0).sqrt().label("root");
+    let program = g.compile(&[("y", &(root * x.exp()))]).unwrap();
+    let mut values = vec![2.0; 5000];
+    values[7] = 1.0;
+    let mut ws = workspace(&program, &values);
+    let found = program.find_singularities(&mut ws, "y").unwrap();
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert_eq!((found[0].lane, &found[0].at[..]), (7, &[0.0][..]));
+}
+
+#[test]
+fn strict_mode_looks_at_products_of_many() {
+    let g = Graph::new();
+    let (pixel, texel) = (g.domain("pixel"), g.domain("texel"));
+    let lane = g.segments("lane", &pixel);
+    let index = g.index("index", &lane, &texel);
+    let weight = g.param("weight", &g.uniform(), 2);
+    let table = g.param("table", &texel, 3);
+    let (spoilt, seen) = (g.input("spoilt", &lane, 1), g.mask("seen", &lane));
+    let seen_pixel = g.mask("seen pixel", &pixel);
+    let layer = spoilt.attach().matmul(&weight, None).label("layer");
+    let looked_up = table
+        .gather_weighted(&[(&index, &spoilt)])
+        .label("looked up");
+    let dot = table.gather(&index).segment_dot(&spoilt).label("dot");
+    let program = g
+        .compile(&[
+            ("layer", &seen.select_or_zero(&layer)),
+            ("looked up", &seen.select_or_zero(&looked_up)),
+            ("dot", &seen_pixel.select_or_zero(&dot)),
+        ])
+        .unwrap();
+    let sizes = Sizes::new()
+        .lanes("pixel", 3)
+        .lanes("texel", 4)
+        .per_parent("lane", 2);
+    let mut ws = program.workspace::<f32>(&sizes).unwrap();
+    ws.set("weight", &[1.0, 2.0]).unwrap();
+    ws.set("table", &[1.0; 12]).unwrap();
+    ws.set("spoilt", &[1.0, 1.0, 1.0, f32::NAN, 1.0, 1.0])
+        .unwrap();
+    ws.set_index("index", &[0, 1, 2, 3, 0, 1]).unwrap();
+    for masked in [true, false] {
+        ws.set_mask("seen", &[true, true, true, !masked, true, true])
+            .unwrap();
+        ws.set_mask("seen pixel", &[true, !masked, true]).unwrap();
+        for (output, operand) in [("layer", 1), ("looked up", 0), ("dot", 0)] {
+            let found = program.find_singularities(&mut ws, output).unwrap();
+            assert_eq!(found.len(), 1, "{output}: {found:?}");
+            let found = &found[0];
+            assert_eq!((found.origin.as_str(), found.lane), (output, 3));
+            assert_eq!((found.operand, found.masked), (operand, masked));
+            assert!(found.partial.is_nan());
+            let name = if output == "layer" { "weight" } else { "table" };
+            let finite = ws.gradient(name).unwrap().iter().all(|g| g.is_finite());
+            assert_eq!(finite, masked, "{output}");
+        }
+    }
+}
+
+struct Sum;
+
+impl LinearMap for Sum {
+    fn shape(&self) -> (usize, usize) {
+        (6, 1)
+    }
+    fn apply_f32(&self, _: usize, _: &[f32], _: &mut [f32]) {}
+    fn apply_transpose_f32(&self, _: usize, _: &[f32], _: &mut [f32]) {}
+    fn apply_f64(&self, columns: usize, input: &[f64], output: &mut [f64]) {
+        output.fill(0.0);
+        for row in input.chunks_exact(columns) {
+            output.iter_mut().zip(row).for_each(|(o, x)| *o += x);
+        }
+    }
+    fn apply_transpose_f64(&self, columns: usize, input: &[f64], output: &mut [f64]) {
+        output
+            .chunks_exact_mut(columns)
+            .for_each(|row| row.copy_from_slice(input));
+    }
+}
+
+#[test]
+fn the_origin_is_followed_through_every_operation() {
+    type Step = fn(&Graph, &Var, &autodiff::Domain) -> Var;
+    // Of a value with two channels and an axis, per sample.
+    let steps: [(&str, Step); 14] = [
+        ("nothing", |_, x, _| x.clone()),
+        ("elementwise", |_, x, _| (x * 2.0 - x.square()).exp()),
+        ("min", |_, x, _| x.min(&(x + 1.0)).max(x)),
+        ("channels", |_, x, _| {
+            Var::stack(&[&x.channel(0), x, &x.channel(1)])
+        }),
+        ("axis", |_, x, _| x.sum_axis() * x.sum_channels()),
+        ("max", |_, x, _| x.log_sum_exp()),
+        ("segments", |_, x, _| {
+            x.segment_sum().square() + x.segment_mean()
+        }),
+        ("dot", |_, x, _| x.segment_dot(&x.sum_axis())),
+        ("lanes", |_, x, _| x.sum_lanes() * x),
+        ("expand", |_, x, sample| x.segment_mean().expand(sample)),
+        ("gather", |g, x, sample| {
+            x.gather(&g.index("i", sample, sample))
+        }),
+        ("interpolate", |g, x, sample| {
+            let (i, j) = (g.index("i", sample, sample), g.index("j", sample, sample));
+            let half: autodiff::Detached = g.constant(0.5);
+            x.gather_weighted(&[(&i, &half), (&j, &half)])
+        }),
+        ("layer", |g, x, _| {
+            let weight = g.param("weight", &g.uniform(), 6);
+            x.sum_axis().matmul(&weight, None)
+        }),
+        ("map", |g, x, _| {
+            x.linear_map(&g.domain("one"), Arc::new(Sum))
+        }),
+    ];
+    for (name, step) in steps {
+        let g = Graph::new();
+        let pixel = g.domain("pixel");
+        let sample = g.segments("sample", &pixel);
+        let frame = g.axis("frame");
+        let x = g.param_along("x", &sample, 2, &frame);
+        let bad = x.sqrt().label("bad");
+        let y = step(&g, &bad, &sample);
+        let program = g.compile(&[("loss", &y.sum()), ("y", &y)]).unwrap();
+        let mut sizes = Sizes::new()
+            .lanes("pixel", 2)
+            .per_parent("sample", 3)
+            .axis("frame", 5);
+        if name == "map" {
+            sizes = sizes.lanes("one", 1);
+        }
+        let mut ws = program.workspace::<f64>(&sizes).unwrap();
+        let mut values = vec![0.25; 60];
+        // Channel 1, lane 4, position 2.
+        values[(6 + 4) * 5 + 2] = -1.0;
+        ws.set("x", &values).unwrap();
+        if ["gather", "interpolate"].contains(&name) {
+            ws.set_index("i", &[5, 4, 3, 2, 1, 0]).unwrap();
+        }
+        if name == "interpolate" {
+            ws.set_index("j", &[0; 6]).unwrap();
+        }
+        if name == "layer" {
+            ws.set("weight", &[0.5; 6]).unwrap();
+        }
+        let found = program.find_non_finite(&mut ws).unwrap().expect(name);
+        let place = (
+            found.origin.as_str(),
+            found.channel,
+            found.lane,
+            found.position,
+        );
+        assert_eq!(place, ("bad", 1, 4, 2), "{name}");
+        assert_eq!(found.operands, [("x".to_string(), -1.0)], "{name}");
+    }
+}
+
+#[test]
+fn what_reaches_no_output_is_not_blamed() {
+    let g = Graph::new();
+    let lane = g.domain("lane");
+    let (x, y) = (g.param("x", &lane, 1), g.param("y", &lane, 1));
+    let masked = x.gt_scalar(0.0).select_or_zero(&(x.ln() * x.rsqrt()));
+    // Infinite, and then of no consequence.
+    let tail = (-x.recip()).exp();
+    let root = y.sqrt().label("root");
+    let program = g
+        .compile(&[("loss", &((masked + tail) * root).sum())])
+        .unwrap();
+    let mut ws = workspace(&program, &[0.0, 1.0, 2.0]);
+    ws.set("y", &[1.0, 1.0, 1.0]).unwrap();
+    assert_eq!(program.find_non_finite(&mut ws).unwrap(), None);
+    ws.set("y", &[1.0, 1.0, -1.0]).unwrap();
+    let found = program.find_non_finite(&mut ws).unwrap().unwrap();
+    assert_eq!((found.origin.as_str(), found.lane), ("root", 2));
 }

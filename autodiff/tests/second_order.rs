@@ -2,6 +2,7 @@
 
 use autodiff::{CustomOp, FirstOrderOnly, Fma, Graph, Program, Real, RunError, Sizes, Workspace};
 use proptest::prelude::*;
+use proptest::test_runner::FileFailurePersistence;
 
 /// `a^2 / (1 + b)`, differentiated by running it on dual numbers.
 struct Ratio;
@@ -97,7 +98,7 @@ fn named(arrays: &[Vec<f64>]) -> Vec<(&'static str, &[f64])> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: Some(Box::new(FileFailurePersistence::Direct("tests/second_order.regressions"))), ..ProptestConfig::default() })]
 
     #[test]
     fn products_match_differences_of_gradients_and_are_symmetric(seed in 0u64..1_000_000) {
@@ -168,4 +169,35 @@ fn second_derivatives_of_a_first_order_operation_are_refused() {
             op: "cube".to_string()
         }
     );
+}
+
+#[test]
+fn a_first_order_operation_that_no_gradient_passes_is_no_obstacle() {
+    let g = Graph::new();
+    let lane = g.domain("lane");
+    let x = g.param("x", &lane, 1);
+    let cube = g.custom_first_order(Cube, [&x]);
+    let held = cube.detach() * x.square();
+    let apart = x.exp();
+    let program = g
+        .compile(&[("cube", &cube), ("held", &held), ("apart", &apart)])
+        .unwrap();
+    let mut ws = program
+        .workspace::<f64>(&Sizes::new().lanes("lane", 2))
+        .unwrap();
+    ws.set("x", &[2.0, -1.0]).unwrap();
+    let ones: [(&str, &[f64]); 1] = [("x", &[1.0, 1.0])];
+    for _ in 0..2 {
+        // What is detached is held still, as samples are.
+        program.hvp(&mut ws, "held", &ones).unwrap();
+        assert_eq!(ws.gradient("x").unwrap(), [32.0, 2.0]);
+        assert_eq!(ws.hessian_product("x").unwrap(), [16.0, -2.0]);
+        program.hvp(&mut ws, "apart", &ones).unwrap();
+        let e = [2f64.exp(), (-1f64).exp()];
+        assert_eq!(ws.hessian_product("x").unwrap(), e);
+        assert!(matches!(
+            program.hvp(&mut ws, "cube", &ones),
+            Err(RunError::FirstOrderOnly { .. })
+        ));
+    }
 }

@@ -113,27 +113,7 @@ pub fn run() {
     let program = record();
     let mut ws = bind(&program, &data);
     let mut hand = Hand::new(&data);
-    let loss = hand.gradient(&data);
-    program.vjp(&mut ws, "loss").expect("a bound program");
-    check("loss", ws.output("loss").expect("an output"), &[loss]);
-    check(
-        "albedo",
-        ws.gradient("albedo").expect("a gradient"),
-        &hand.albedo,
-    );
-    check(
-        "roughness",
-        ws.gradient("roughness").expect("a gradient"),
-        &hand.roughness,
-    );
-    let adjoint: Vec<f32> = (0..3)
-        .flat_map(|c| hand.adjoint.iter().map(move |t| t[c]))
-        .collect();
-    check(
-        "environment",
-        ws.gradient("environment").expect("a gradient"),
-        &adjoint,
-    );
+    agree(&program, &mut ws, &mut hand, &data);
 
     let mut second = hand.clone();
     let mut other = bind(&program, &data);
@@ -172,6 +152,31 @@ pub fn run() {
         gradient / hand_gradient,
         primal / hand_primal,
         tangent / primal
+    );
+}
+
+/// Panics unless the tape gives the loss and the gradients of the hand-written adjoint.
+pub fn agree(program: &Program, ws: &mut Workspace<f32>, hand: &mut Hand, data: &Data) {
+    let loss = hand.gradient(data);
+    program.vjp(ws, "loss").expect("a bound program");
+    check("loss", ws.output("loss").expect("an output"), &[loss]);
+    check(
+        "albedo",
+        ws.gradient("albedo").expect("a gradient"),
+        &hand.albedo,
+    );
+    check(
+        "roughness",
+        ws.gradient("roughness").expect("a gradient"),
+        &hand.roughness,
+    );
+    let adjoint: Vec<f32> = (0..3)
+        .flat_map(|c| hand.adjoint.iter().map(move |t| t[c]))
+        .collect();
+    check(
+        "environment",
+        ws.gradient("environment").expect("a gradient"),
+        &adjoint,
     );
 }
 

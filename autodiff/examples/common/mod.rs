@@ -65,7 +65,8 @@ pub fn save(
         let color = panels[which](x, y as usize / zoom);
         image::Rgb(color.map(|c| (c.clamp(0.0, 1.0).powf(1.0 / 2.2) * 255.0).round() as u8))
     });
-    let path = match std::env::args().nth(1) {
+    // A test has arguments of its own.
+    let path = match std::env::args().nth(1).filter(|_| !cfg!(test)) {
         Some(path) => PathBuf::from(path),
         None => std::env::temp_dir().join(name),
     };

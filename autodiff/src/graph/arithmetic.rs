@@ -1,6 +1,6 @@
 //! Elementwise operations on recorded values.
 
-use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
+use std::ops::{Add, Div, Mul, Neg, Sub};
 use std::panic::Location;
 use std::sync::Arc;
 
@@ -144,7 +144,7 @@ impl<A: Kind> Array<A> {
         self.unary(Element::Clamp { low, high }, Location::caller())
     }
 
-    /// `x^n` for a whole `n`, by repeated squaring.
+    /// `x^n` for a whole `n`, by repeated squaring. `x^0` is 1 for all finite `x`.
     #[track_caller]
     pub fn powi(&self, n: i32) -> Array<A> {
         let location = Location::caller();
@@ -171,7 +171,7 @@ impl<A: Kind> Array<A> {
         }
     }
 
-    /// `x^exponent` for `x >= 0`; `x^0` is 1. The derivative by the exponent at `x = 0` is 0.
+    /// `x^exponent` for `x >= 0`, NaN below; `x^0` is 1. The derivative by the exponent at `x = 0` is 0.
     #[track_caller]
     pub fn pow<B: Kind>(&self, exponent: &Array<B>) -> Array<A::Out>
     where
@@ -189,7 +189,7 @@ impl<A: Kind> Array<A> {
         self.binary(x, Element::Atan2, Location::caller())
     }
 
-    /// The smaller of two values; a tie differentiates `self`.
+    /// The smaller of two values; a tie, or a NaN on either side, gives and differentiates `self`.
     #[track_caller]
     pub fn min<B: Kind>(&self, other: &Array<B>) -> Array<A::Out>
     where
@@ -198,7 +198,7 @@ impl<A: Kind> Array<A> {
         self.binary(other, Element::Min, Location::caller())
     }
 
-    /// The larger of two values; a tie differentiates `self`.
+    /// The larger of two values; a tie, or a NaN on either side, gives and differentiates `self`.
     #[track_caller]
     pub fn max<B: Kind>(&self, other: &Array<B>) -> Array<A::Out>
     where
@@ -287,8 +287,12 @@ impl<A: Kind> Array<A> {
     where
         A: Join<B>,
     {
-        self.binary(other, Element::Mul, Location::caller())
-            .sum_channels()
+        let operands = [(&self.graph, self.id), (&other.graph, other.id)];
+        let multiply = Op::Element(Element::Mul);
+        let location = Location::caller();
+        let product: Array<A::Out> =
+            Array::<A>::broadcast_together(&self.graph, multiply, "dot", &operands, location);
+        product.sum_channels()
     }
 
     /// The vector of channels divided by its length; NaN for the zero vector.
@@ -311,11 +315,14 @@ impl<A: Kind> Array<A> {
             nothing.reject("stack", location, "give at least one value");
             return nothing;
         };
-        // Broadcasting to the common domain and axis follows the rules of addition.
-        let common = parts.iter().skip(1).fold(first.channel(0), |sum, part| {
-            sum.raw(&part.channel(0), Element::Add, location)
-        });
-        let shape = common.shape();
+        // Domain and axis broadcast as in arithmetic.
+        let operands: Vec<_> = parts.iter().map(|part| (&part.graph, part.id)).collect();
+        let common = first
+            .graph
+            .common_shape("stack", &operands, false, location);
+        let Some(shape) = common else {
+            return (*first).clone();
+        };
         let inputs: Vec<_> = parts
             .iter()
             .map(|part| {
@@ -396,72 +403,7 @@ impl Graph {
             return nothing;
         }
         let operands = operands.map(|operand| (&operand.graph, operand.id));
-        Array::<A>::broadcast_together(self, Op::Custom(op), &operands, location)
-    }
-}
-
-impl Mask {
-    /// `a` where set, `b` elsewhere. The branch not taken contributes no gradient, whatever it holds.
-    #[track_caller]
-    pub fn select<A: Join<B>, B: Kind>(&self, a: &Array<A>, b: &Array<B>) -> Array<A::Out> {
-        let mask = &self.value;
-        Array::<A>::elementwise(
-            &mask.graph,
-            Element::Select,
-            &[(&mask.graph, mask.id), (&a.graph, a.id), (&b.graph, b.id)],
-            Location::caller(),
-        )
-    }
-
-    /// `a` where set, 0 elsewhere.
-    #[track_caller]
-    pub fn select_or_zero<A: Kind>(&self, a: &Array<A>) -> Array<A> {
-        let mask = &self.value;
-        let zero: Detached = mask.graph.constant(0.0);
-        Array::<A>::elementwise(
-            &mask.graph,
-            Element::Select,
-            &[
-                (&mask.graph, mask.id),
-                (&a.graph, a.id),
-                (&zero.graph, zero.id),
-            ],
-            Location::caller(),
-        )
-    }
-
-    /// The mask as 0 and 1.
-    pub fn to_array(&self) -> Detached {
-        self.value.clone()
-    }
-}
-
-impl BitAnd for &Mask {
-    type Output = Mask;
-    #[track_caller]
-    fn bitand(self, other: &Mask) -> Mask {
-        Mask {
-            value: self.value.min(&other.value),
-        }
-    }
-}
-
-impl BitOr for &Mask {
-    type Output = Mask;
-    #[track_caller]
-    fn bitor(self, other: &Mask) -> Mask {
-        Mask {
-            value: self.value.max(&other.value),
-        }
-    }
-}
-
-impl Not for &Mask {
-    type Output = Mask;
-    #[track_caller]
-    fn not(self) -> Mask {
-        Mask {
-            value: 1.0 - &self.value,
-        }
+        let name = op.name();
+        Array::<A>::broadcast_together(self, Op::Custom(op), name, &operands, location)
     }
 }

@@ -91,12 +91,6 @@ impl<M> Array<M> {
         self.graph.shape(self.id)
     }
 
-    pub(crate) fn location(&self) -> String {
-        self.graph.recording.borrow().nodes[self.id]
-            .location
-            .to_string()
-    }
-
     /// Number of channels.
     pub fn channels(&self) -> usize {
         self.shape().channels
@@ -110,7 +104,8 @@ impl<M> Array<M> {
         }
     }
 
-    /// Gives the value a name for error messages and profiles.
+    /// Gives the value a name for error messages and profiles. Parameters and inputs are still bound by the name that they were
+    /// declared with.
     pub fn label(self, name: &str) -> Self {
         self.graph.recording.borrow_mut().nodes[self.id].label = Some(name.to_string());
         self
@@ -159,49 +154,86 @@ impl<M> Array<M> {
         operands: &[(&Graph, NodeId)],
         location: &'static Location<'static>,
     ) -> Array<N> {
-        Self::broadcast_together(graph, Op::Element(element), operands, location)
+        let op = element.name();
+        Self::broadcast_together(graph, Op::Element(element), op, operands, location)
     }
 
     pub(super) fn broadcast_together<N>(
         graph: &Graph,
         operation: Op,
+        op: &'static str,
         operands: &[(&Graph, NodeId)],
         location: &'static Location<'static>,
     ) -> Array<N> {
-        let op = operation.name();
-        if operands.iter().any(|(other, _)| other.stamp != graph.stamp) {
-            graph.fail(GraphError::OtherGraph {
-                op,
-                location: location.to_string(),
-            });
-            return Array::from_id(graph, first_of(graph, operands));
-        }
-        let first = operands[0].1;
-        let mut shape = graph.shape(first);
-        let mut widest = first;
-        for &(_, id) in &operands[1..] {
-            match join(shape, graph.shape(id)) {
-                Ok(joined) => {
-                    if joined != shape {
-                        widest = id;
-                    }
-                    shape = joined;
-                }
-                Err(hint) => graph.fail(GraphError::ShapeMismatch {
-                    op,
-                    lhs: graph.describe(widest),
-                    rhs: graph.describe(id),
-                    hint: hint.to_string(),
-                    location: location.to_string(),
-                }),
-            }
-        }
+        let Some(shape) = graph.common_shape(op, operands, true, location) else {
+            return Self::stand_in(graph, operands);
+        };
         let inputs = operands
             .iter()
             .map(|&(_, id)| graph.broadcast(id, shape.domain, shape.axis, location))
             .collect();
         let id = graph.push(operation, inputs, shape, location);
         Array::from_id(graph, id)
+    }
+}
+
+impl<M> Array<M> {
+    /// Something to go on with after a mistake: an operand of this graph, or else a number.
+    fn stand_in<N>(graph: &Graph, operands: &[(&Graph, NodeId)]) -> Array<N> {
+        let mut own = operands.iter().filter(|(g, _)| g.stamp == graph.stamp);
+        match own.next() {
+            Some(&(_, id)) => Array::from_id(graph, id),
+            None => Array::from_id(graph, graph.constant::<Fixed>(0.0).id),
+        }
+    }
+}
+
+impl Graph {
+    /// The shape that operands broadcast to, or, without `channels`, their domain and axis; nothing if one is of another graph.
+    pub(super) fn common_shape(
+        &self,
+        op: &'static str,
+        operands: &[(&Graph, NodeId)],
+        channels: bool,
+        location: &'static Location<'static>,
+    ) -> Option<Shape> {
+        for (other, id) in operands {
+            let own = operands.iter().find(|(g, _)| g.stamp == self.stamp);
+            let names = || {
+                let own = own.map_or("the graph".to_string(), |(_, id)| self.describe(*id));
+                (own, other.describe(*id))
+            };
+            if !self.owns(other.stamp, op, location, names) {
+                return None;
+            }
+        }
+        let shape_of = |id: NodeId| match channels {
+            true => self.shape(id),
+            false => Shape {
+                channels: 1,
+                ..self.shape(id)
+            },
+        };
+        let mut widest = operands.first()?.1;
+        let mut shape = shape_of(widest);
+        for &(_, id) in &operands[1..] {
+            match join(shape, shape_of(id)) {
+                Ok(joined) => {
+                    if joined != shape {
+                        widest = id;
+                    }
+                    shape = joined;
+                }
+                Err(hint) => self.fail(GraphError::ShapeMismatch {
+                    op,
+                    lhs: self.describe(widest),
+                    rhs: self.describe(id),
+                    hint: hint.to_string(),
+                    location: location.to_string(),
+                }),
+            }
+        }
+        Some(shape)
     }
 }
 
@@ -217,14 +249,6 @@ impl Detached {
     pub fn attach_to(&self, source: &Var) -> Var {
         self + (source - source.detach())
     }
-}
-
-/// Some node of `graph` among the operands.
-fn first_of(graph: &Graph, operands: &[(&Graph, NodeId)]) -> NodeId {
-    operands
-        .iter()
-        .find(|(other, _)| other.stamp == graph.stamp)
-        .map_or(0, |&(_, id)| id)
 }
 
 /// The shape that two operands broadcast to, or what to do about it.

@@ -27,7 +27,10 @@ impl Graph {
     #[track_caller]
     pub fn segments(&self, name: &str, parent: &Domain) -> Domain {
         let location = Location::caller();
-        self.check(parent.graph, "segments", location);
+        let names = || (format!("the domain `{name}`"), "a domain".to_string());
+        if !self.owns(parent.graph, "segments", location, names) {
+            return self.new_domain(name, None, location);
+        }
         if parent.id == UNIFORM {
             self.fail(GraphError::Operand {
                 op: "segments",
@@ -98,14 +101,14 @@ impl Graph {
     #[track_caller]
     pub fn index(&self, name: &str, domain: &Domain, table: &Domain) -> Index {
         let location = Location::caller();
-        self.check(domain.graph, "index", location);
-        self.check(table.graph, "index", location);
+        let [domain, table] =
+            [domain, table].map(|domain| self.own_domain(domain, "index", name, location));
         self.check_name(name, location);
         let mut recording = self.recording.borrow_mut();
         recording.indices.push(IndexInfo {
             name: name.to_string(),
-            domain: domain.id,
-            table: table.id,
+            domain,
+            table,
         });
         Index {
             graph: self.stamp,
@@ -134,18 +137,17 @@ impl Graph {
         axis: Option<&Axis>,
         location: &'static Location<'static>,
     ) -> Array<A> {
-        self.check(domain.graph, "declaration", location);
-        if let Some(axis) = axis {
-            self.check(axis.graph, "declaration", location);
-        }
-        self.check_name(name, location);
+        let names = || (format!("`{name}`"), "an axis".to_string());
+        let axis = axis.filter(|axis| self.owns(axis.graph, "declaration", location, names));
         let shape = Shape {
-            domain: domain.id,
+            domain: self.own_domain(domain, "declaration", name, location),
             channels,
             axis: axis.map(|axis| axis.id),
         };
+        self.check_name(name, location);
         let id = self.push(op, vec![], shape, location);
-        let array = Array::from_id(self, id).label(name);
+        self.recording.borrow_mut().nodes[id].name = Some(name.to_string());
+        let array = Array::from_id(self, id);
         if channels == 0 {
             array.reject("declaration", location, "declare at least one channel");
         }
@@ -179,7 +181,7 @@ impl Graph {
         let taken = recording
             .nodes
             .iter()
-            .any(|node| node.op.is_leaf() && node.label.as_deref() == Some(name))
+            .any(|node| node.name.as_deref() == Some(name))
             || recording.indices.iter().any(|index| index.name == name);
         if taken {
             let error = duplicate("the name", name, location);
@@ -187,12 +189,39 @@ impl Graph {
         }
     }
 
-    pub(super) fn check(&self, stamp: u64, op: &'static str, location: &'static Location<'static>) {
+    /// Whether this graph has the stamp. If not, that is a mistake in using what `names` gives: something of this graph, and
+    /// something of another.
+    pub(super) fn owns(
+        &self,
+        stamp: u64,
+        op: &'static str,
+        location: &'static Location<'static>,
+        names: impl FnOnce() -> (String, String),
+    ) -> bool {
         if stamp != self.stamp {
+            let (lhs, rhs) = names();
             self.fail(GraphError::OtherGraph {
                 op,
+                lhs,
+                rhs,
                 location: location.to_string(),
             });
+        }
+        stamp == self.stamp
+    }
+
+    /// The position of a domain; that of the uniform one stands in for a domain of another graph.
+    fn own_domain(
+        &self,
+        domain: &Domain,
+        op: &'static str,
+        name: &str,
+        location: &'static Location<'static>,
+    ) -> usize {
+        let names = || (format!("`{name}`"), "a domain".to_string());
+        match self.owns(domain.graph, op, location, names) {
+            true => domain.id,
+            false => UNIFORM,
         }
     }
 }

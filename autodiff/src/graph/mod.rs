@@ -4,6 +4,7 @@ mod arithmetic;
 mod array;
 mod handles;
 mod leaves;
+mod masks;
 mod node;
 mod rates;
 mod record;

@@ -142,11 +142,20 @@ pub(crate) struct Node {
     pub op: Op,
     pub inputs: Vec<NodeId>,
     pub shape: Shape,
-    /// The name of a leaf, or a label that the user gave.
+    /// The name that a leaf is bound by.
+    pub name: Option<String>,
+    /// What messages call it, if the user said so.
     pub label: Option<String>,
     /// Whether a gradient can flow through to a parameter.
     pub active: bool,
     pub location: &'static Location<'static>,
+}
+
+impl Node {
+    /// The label, or else the name of a leaf.
+    pub fn called(&self) -> Option<&str> {
+        self.label.as_deref().or(self.name.as_deref())
+    }
 }
 
 /// A declared domain.

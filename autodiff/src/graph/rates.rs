@@ -15,7 +15,9 @@ impl<A: Kind> Array<A> {
     #[track_caller]
     pub fn expand(&self, child: &Domain) -> Array<A> {
         let location = Location::caller();
-        self.graph.check(child.graph, "expand", location);
+        if !self.owns_handle(child.graph, "expand", "a domain", location) {
+            return self.clone();
+        }
         let shape = self.shape();
         if self.parent_of(child.id) != Some(shape.domain) {
             self.reject(
@@ -52,12 +54,16 @@ impl<A: Kind> Array<A> {
         A: Join<B>,
     {
         let location = Location::caller();
-        // The product checks and broadcasts the shapes; it is left out of the program, since nothing uses it.
-        let product = self * other;
-        let shape = product.shape();
-        let Some(parent) = product.parent_of(shape.domain) else {
-            product.reject("segment_dot", location, NO_SEGMENTS);
-            return product;
+        let operands = [(&self.graph, self.id), (&other.graph, other.id)];
+        let common = self
+            .graph
+            .common_shape("segment_dot", &operands, true, location);
+        let Some(shape) = common else {
+            return Array::from_id(&self.graph, self.id);
+        };
+        let Some(parent) = self.parent_of(shape.domain) else {
+            self.reject("segment_dot", location, NO_SEGMENTS);
+            return Array::from_id(&self.graph, self.id);
         };
         let inputs = [self.id, other.id]
             .iter()
@@ -131,7 +137,9 @@ impl<A: Kind> Array<A> {
     #[track_caller]
     pub fn gather(&self, index: &Index) -> Array<A> {
         let location = Location::caller();
-        let shape = self.lookup_shape(index, "gather", location);
+        let Some(shape) = self.lookup_shape(index, "gather", location) else {
+            return self.clone();
+        };
         let id = self
             .graph
             .reuse(Op::Gather(index.id), self.id, shape, location);
@@ -152,9 +160,17 @@ impl<A: Kind> Array<A> {
             self.reject("gather_weighted", location, "give one to eight corners");
         }
         for (index, weight) in corners {
-            shape = self.lookup_shape(index, "gather_weighted", location);
-            self.graph
-                .check(weight.graph.stamp, "gather_weighted", location);
+            let found = self.lookup_shape(index, "gather_weighted", location);
+            let Some(found) = found.filter(|_| self.owns(weight, "gather_weighted", location))
+            else {
+                return Array::from_id(&self.graph, self.id);
+            };
+            if indices.is_empty() {
+                shape = found;
+            } else if found != shape {
+                let hint = "the indices of all corners have one domain";
+                self.reject("gather_weighted", location, hint);
+            }
             let weight_shape = weight.shape();
             let fits = weight_shape.domain == shape.domain || weight_shape.domain == UNIFORM;
             if !fits || weight_shape.channels != 1 || weight_shape.axis.is_some() {
@@ -183,7 +199,9 @@ impl<A: Kind> Array<A> {
     #[track_caller]
     pub fn linear_map(&self, to: &Domain, map: Arc<dyn LinearMap>) -> Array<A> {
         let location = Location::caller();
-        self.graph.check(to.graph, "linear_map", location);
+        if !self.owns_handle(to.graph, "linear_map", "a domain", location) {
+            return self.clone();
+        }
         let shape = Shape {
             domain: to.id,
             ..self.shape()
@@ -199,6 +217,11 @@ impl<A: Kind> Array<A> {
         A: Join<B>,
     {
         let location = Location::caller();
+        for operand in [Some(weight), bias].into_iter().flatten() {
+            if !self.owns(operand, "matmul", location) {
+                return Array::from_id(&self.graph, self.id);
+            }
+        }
         let (shape, matrix) = (self.shape(), weight.shape());
         let channels = matrix.channels / shape.channels.max(1);
         let fits = shape.axis.is_none()
@@ -227,9 +250,6 @@ impl<A: Kind> Array<A> {
             }
             inputs.push(bias.id);
         }
-        for operand in [Some(weight), bias].into_iter().flatten() {
-            self.graph.check(operand.graph.stamp, "matmul", location);
-        }
         let shape = Shape { channels, ..shape };
         let id = self.graph.push(Op::Matmul, inputs, shape, location);
         Array::from_id(&self.graph, id)
@@ -248,21 +268,46 @@ impl<A: Kind> Array<A> {
         self.derive(op, shape, location)
     }
 
+    /// Whether another operand is of this one's graph; a mistake if not.
+    fn owns<B>(
+        &self,
+        other: &Array<B>,
+        op: &'static str,
+        location: &'static Location<'static>,
+    ) -> bool {
+        let names = || {
+            let other = other.graph.describe(other.id);
+            (self.graph.describe(self.id), other)
+        };
+        self.graph.owns(other.graph.stamp, op, location, names)
+    }
+
+    /// The same for a domain or an index array.
+    fn owns_handle(
+        &self,
+        stamp: u64,
+        op: &'static str,
+        what: &str,
+        location: &'static Location<'static>,
+    ) -> bool {
+        let names = || (self.graph.describe(self.id), what.to_string());
+        self.graph.owns(stamp, op, location, names)
+    }
+
     fn parent_of(&self, domain: usize) -> Option<usize> {
         self.graph.recording.borrow().domains[domain].parent
     }
 
-    /// The shape of a lookup in this table.
+    /// The shape of a lookup in this table; nothing if the index is of another graph.
     fn lookup_shape(
         &self,
         index: &Index,
         op: &'static str,
         location: &'static Location<'static>,
-    ) -> Shape {
+    ) -> Option<Shape> {
         let shape = self.shape();
-        if index.graph != self.graph.stamp {
-            self.graph.check(index.graph, op, location);
-            return shape;
+        if !self.owns_handle(index.graph, op, "an index", location) {
+            return None;
         }
         let info = self.graph.recording.borrow().indices[index.id].clone();
         if info.table != shape.domain {
@@ -275,10 +320,10 @@ impl<A: Kind> Array<A> {
                 format!("index `{}` looks up the domain `{table}`", info.name),
             );
         }
-        Shape {
+        Some(Shape {
             domain: info.domain,
             ..shape
-        }
+        })
     }
 }
 

@@ -57,12 +57,13 @@ impl Graph {
     /// and sums join into one rounding, repeated subexpressions are computed once. What carries a label stays as it is.
     ///
     /// # Errors
-    /// The first mistake made while recording.
+    /// The first mistake made while recording; two outputs of one name.
+    #[track_caller]
     pub fn compile<T: AsRef<Array<M>>, M>(
         &self,
         outputs: &[(&str, T)],
     ) -> Result<Program, GraphError> {
-        self.compile_as(outputs, true)
+        self.compile_as(outputs, true, Location::caller())
     }
 
     /// [`Graph::compile`] without rewriting formulas: every operation runs as recorded, so that results differ from those of
@@ -70,25 +71,36 @@ impl Graph {
     ///
     /// # Errors
     /// As [`Graph::compile`].
+    #[track_caller]
     pub fn compile_as_recorded<T: AsRef<Array<M>>, M>(
         &self,
         outputs: &[(&str, T)],
     ) -> Result<Program, GraphError> {
-        self.compile_as(outputs, false)
+        self.compile_as(outputs, false, Location::caller())
     }
 
     fn compile_as<T: AsRef<Array<M>>, M>(
         &self,
         outputs: &[(&str, T)],
         simplify: bool,
+        location: &'static Location<'static>,
     ) -> Result<Program, GraphError> {
-        let mut names = Vec::new();
+        let mut names: Vec<(String, NodeId)> = Vec::new();
         for (name, value) in outputs {
             let value = value.as_ref();
             if value.graph.stamp != self.stamp {
                 return Err(GraphError::OtherGraph {
                     op: "compile",
-                    location: value.location(),
+                    lhs: "the graph".to_string(),
+                    rhs: value.graph.describe(value.id),
+                    location: location.to_string(),
+                });
+            }
+            if names.iter().any(|(known, _)| known == name) {
+                return Err(GraphError::Duplicate {
+                    what: "the output",
+                    name: name.to_string(),
+                    location: location.to_string(),
                 });
             }
             names.push((name.to_string(), value.id));
@@ -118,6 +130,7 @@ impl Graph {
             op,
             inputs,
             shape,
+            name: None,
             label: None,
             active,
             location,
@@ -192,7 +205,7 @@ impl Recording {
     /// Label, or operation, and shape of a node.
     pub fn describe(&self, id: NodeId) -> String {
         let node = &self.nodes[id];
-        let name = match (&node.label, &node.op) {
+        let name = match (node.called(), &node.op) {
             (Some(label), _) => format!("`{label}`"),
             (None, Op::Constant(value)) => format!("the constant {value}"),
             (None, op) => format!("a result of `{}`", op.name()),

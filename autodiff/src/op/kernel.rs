@@ -197,6 +197,10 @@ pub(super) fn term<R: Real, F: Fma, P: Primitive<N>, const N: usize, const I: us
     y: R,
     source: R,
 ) -> R {
+    if P::CHOOSES {
+        let chosen = !primitive.partial::<R, F, I>(x, y).is_zero();
+        return if chosen { source } else { R::default() };
+    }
     // The branch of a selection that was not taken may hold an infinite partial: 0 * infinity must not spread.
     if source.is_zero() {
         R::default()

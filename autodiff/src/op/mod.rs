@@ -19,6 +19,9 @@ pub(crate) const RESULT: u8 = 0x80;
 
 /// An elementwise function of `N` operands.
 pub(crate) trait Primitive<const N: usize>: Copy {
+    /// Whether partial derivatives are 0 or 1: the function is one of its operands, or a constant. An operand that was not
+    /// chosen passes nothing on, not even a NaN.
+    const CHOOSES: bool = false;
     /// What the partial derivative with respect to operand `i` reads: bit `j` for operand `j`, [`RESULT`] for the result.
     /// Reverse mode recomputes only what is read.
     fn reads(self, i: usize) -> u8;

@@ -153,7 +153,7 @@ impl Primitive<2> for Atan2 {
     }
 }
 
-/// `a^b` for `a >= 0`, as `exp(b ln a)`; NaN for negative `a`. `a^0` is 1, also for `a = 0`.
+/// `a^b` for `a >= 0`, as `exp(b ln a)`; NaN for negative `a`. `a^0` is 1, for any `a`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pow;
 
@@ -164,14 +164,18 @@ impl Primitive<2> for Pow {
     #[inline(always)]
     fn eval<R: Real, F: Fma>(self, [a, b]: [R; 2]) -> R {
         let power = (b * a.ln::<F>()).exp::<F>();
-        if b.is_zero() { R::from_f64(1.0) } else { power }
+        // For positive `a`, an exponent of 0 that moves has its derivative.
+        let positive = a > R::default();
+        let fixed = b.is_zero() || (b == R::default() && !positive);
+        if fixed { R::from_f64(1.0) } else { power }
     }
     #[inline(always)]
     fn partial<R: Real, F: Fma, const I: usize>(self, [a, b]: [R; 2], y: R) -> R {
         if I == 0 {
             let lower = b - R::from_f64(1.0);
-            if b.is_zero() {
-                b
+            let positive = a > R::default();
+            if b.is_zero() || (b == R::default() && !positive) {
+                R::default()
             } else {
                 b * self.eval::<R, F>([a, lower])
             }

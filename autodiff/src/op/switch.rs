@@ -35,6 +35,7 @@ impl Primitive<1> for Abs {
 pub(crate) struct Min;
 
 impl Primitive<2> for Min {
+    const CHOOSES: bool = true;
     fn reads(self, i: usize) -> u8 {
         [0b11, 0b11][i]
     }
@@ -68,6 +69,7 @@ impl Primitive<2> for Min {
 pub(crate) struct Max;
 
 impl Primitive<2> for Max {
+    const CHOOSES: bool = true;
     fn reads(self, i: usize) -> u8 {
         [0b11, 0b11][i]
     }
@@ -101,6 +103,7 @@ impl Primitive<2> for Max {
 pub(crate) struct Relu;
 
 impl Primitive<1> for Relu {
+    const CHOOSES: bool = true;
     fn reads(self, _: usize) -> u8 {
         0b1
     }
@@ -126,6 +129,7 @@ pub(crate) struct Clamp {
 }
 
 impl Primitive<1> for Clamp {
+    const CHOOSES: bool = true;
     fn reads(self, _: usize) -> u8 {
         0b1
     }
@@ -152,6 +156,7 @@ impl Primitive<1> for Clamp {
 pub(crate) struct Select;
 
 impl Primitive<3> for Select {
+    const CHOOSES: bool = true;
     fn reads(self, i: usize) -> u8 {
         [0, 0b1, 0b1][i]
     }
@@ -186,6 +191,7 @@ impl Primitive<3> for Select {
 pub(crate) struct Less;
 
 impl Primitive<2> for Less {
+    const CHOOSES: bool = true;
     fn reads(self, i: usize) -> u8 {
         [0, 0][i]
     }
@@ -211,6 +217,7 @@ impl Primitive<2> for Less {
 pub(crate) struct LessEqual;
 
 impl Primitive<2> for LessEqual {
+    const CHOOSES: bool = true;
     fn reads(self, i: usize) -> u8 {
         [0, 0][i]
     }

@@ -84,7 +84,7 @@ impl Program {
         self.nodes
             .iter()
             .filter(|node| matches!(node.op, Op::Param))
-            .filter_map(|node| node.label.as_deref())
+            .filter_map(|node| node.name.as_deref())
     }
 
     /// A shape in words.
@@ -100,8 +100,8 @@ impl Program {
     /// A node's label, or its operation and place in the source.
     pub(crate) fn node_name(&self, id: NodeId) -> String {
         let node = &self.nodes[id];
-        match &node.label {
-            Some(label) => label.clone(),
+        match node.called() {
+            Some(name) => name.to_string(),
             None => format!("{} at {}", node.op.name(), node.location),
         }
     }

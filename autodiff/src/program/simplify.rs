@@ -8,12 +8,13 @@
 //! | `x x` | `square(x)` |
 //! | `x + x` | `2 x` |
 //! | `1 / sqrt(x)` | `rsqrt(x)` |
-//! | `x (1 / y)` | `x / y` |
 //! | a selection between equals | the value |
 //! | `a b + c`, `c + a b` | `mul_add(a, b, c)` |
 //! | `c - a b` | `neg_mul_add(a, b, c)` |
 //! | `a b - c` | `mul_sub(a, b, c)` |
 //! | `a b + constant` | `product(a, b, constant)` |
+//!
+//! `x (1 / y)` stays: where both are 0, the derivative of a quotient by `y` is NaN, and that of the product 0.
 //!
 //! Only operands that nothing else uses, and that carry no label, disappear into another operation.
 
@@ -207,11 +208,6 @@ fn join(nodes: &mut [Node], uses: &[usize], id: NodeId) {
         }
         Element::Affine { scale: 1.0, offset } => {
             alone(inputs[0], Element::Mul).map(|ab| (Element::Product { offset }, ab.clone()))
-        }
-        Element::Mul => {
-            let second = alone(inputs[1], Element::Recip).map(|y| (inputs[0], y[0]));
-            let found = second.or_else(|| Some((inputs[1], alone(inputs[0], Element::Recip)?[0])));
-            found.map(|(x, y)| (Element::Div, vec![x, y]))
         }
         _ => None,
     };

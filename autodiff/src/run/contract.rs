@@ -7,6 +7,7 @@ use super::block::{Env, Lanes, View, Worker};
 use super::chunk::Span;
 use super::contract_kernel::{Accumulate, Dots, Products, PullRows};
 use super::segments::{collect, pieces};
+use super::zero::{Derivative, times};
 use crate::graph::NodeId;
 use crate::op::kernel::dispatch;
 use crate::real::Real;
@@ -14,13 +15,31 @@ use crate::real::Real;
 /// An operand as a value or as a tangent.
 pub(super) type Operand<'a, R> = (NodeId, View<'a, R>);
 
+/// A product to be summed.
+#[derive(Clone, Copy)]
+pub(super) struct Term<'a, R> {
+    pub a: Operand<'a, R>,
+    pub b: Operand<'a, R>,
+    pub derivative: Derivative,
+}
+
+impl<R> Term<'_, R> {
+    fn exchanged(self) -> Self {
+        Term {
+            a: self.b,
+            b: self.a,
+            derivative: self.derivative.exchanged(),
+        }
+    }
+}
+
 /// Adds the products of a block, summed over `terms`, to the segments' sums.
 pub(super) fn push<R: Real>(
     env: &Env<R>,
     span: &Span,
     lanes: Lanes,
     id: NodeId,
-    terms: &[(Operand<R>, Operand<R>)],
+    terms: &[Term<R>],
     sums: &mut [R],
     scratch: &mut [R],
 ) {
@@ -37,11 +56,18 @@ pub(super) fn push<R: Real>(
     let product = &mut scratch[..lanes.len * axis];
     for c in 0..channels {
         product.fill(R::default());
-        for &((a, view_a), (b, view_b)) in terms {
-            let x = env.channel(view_a, lanes, a, c);
-            let y = env.channel(view_b, lanes, b, c);
-            for ((p, x), y) in product.iter_mut().zip(x).zip(y) {
-                *p = *p + *x * *y;
+        for term in terms {
+            let term = match term.derivative {
+                Derivative::Second => term.exchanged(),
+                _ => *term,
+            };
+            let x = env.channel(term.a.1, lanes, term.a.0, c);
+            let y = env.channel(term.b.1, lanes, term.b.0, c);
+            let factors = product.iter_mut().zip(x).zip(y);
+            if term.derivative == Derivative::Neither {
+                factors.for_each(|((p, x), y)| *p = *p + *x * *y);
+            } else {
+                factors.for_each(|((p, x), y)| *p = *p + times(*x, *y));
             }
         }
         collect(env, span, lanes, (c, channels), axis, product, sums, false);
@@ -54,21 +80,27 @@ fn push_rows<R: Real, const N: usize>(
     span: &Span,
     lanes: Lanes,
     id: NodeId,
-    terms: [(Operand<R>, Operand<R>); N],
+    terms: [Term<R>; N],
     sums: &mut [R],
 ) {
     // The coefficient first.
-    let terms = terms.map(|(a, b)| if env.axis(a.0) == 1 { (a, b) } else { (b, a) });
+    let terms = terms.map(|term| match env.axis(term.a.0) {
+        1 => term,
+        _ => term.exchanged(),
+    });
+    let derivatives = terms.map(|term| term.derivative);
     let (channels, axis, parents) = (env.channels(id), env.axis(id), span.parents.len());
-    let shared = env.channels(terms[0].1.0) == 1;
+    let shared = env.channels(terms[0].b.0) == 1;
     for piece in pieces(env, lanes) {
         let first = piece.lanes.start - lanes.start;
         let last = piece.lanes.end - lanes.start;
         let rows = |c: usize| {
-            terms.map(|(_, (b, view))| &env.channel(view, lanes, b, c)[first * axis..last * axis])
+            terms.map(|Term { b: (b, view), .. }| {
+                &env.channel(view, lanes, b, c)[first * axis..last * axis]
+            })
         };
         let factor = |n: usize, c: usize| {
-            let (a, view) = terms[n].0;
+            let (a, view) = terms[n].a;
             &env.channel(view, lanes, a, c)[first..last]
         };
         let pitch = parents * axis;
@@ -85,6 +117,7 @@ fn push_rows<R: Real, const N: usize>(
                     Accumulate {
                         factors,
                         rows,
+                        derivatives,
                         axis,
                         sums,
                         pitch,
@@ -99,6 +132,7 @@ fn push_rows<R: Real, const N: usize>(
                     Accumulate {
                         factors,
                         rows,
+                        derivatives,
                         axis,
                         sums,
                         pitch,

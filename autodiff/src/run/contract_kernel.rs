@@ -1,9 +1,12 @@
 //! Vector loops of a contraction over segments: rows along the axis, and coefficients without axis in `C` channels.
 
+use std::ops::Range;
+
 use pulp::Simd;
 
+use super::zero::{Derivative, add_product, all_finite, are_finite, times};
 use crate::op::kernel::Kernel;
-use crate::real::Real;
+use crate::real::{Fma, Real};
 
 /// Registers that hold columns of one channel.
 const TILE: usize = 3;
@@ -13,6 +16,8 @@ const TILE: usize = 3;
 pub(super) struct Accumulate<'a, R, const N: usize, const C: usize> {
     pub factors: [[&'a [R]; C]; N],
     pub rows: [&'a [R]; N],
+    /// Of each term's factor and row.
+    pub derivatives: [Derivative; N],
     pub axis: usize,
     pub sums: &'a mut [R],
     pub pitch: usize,
@@ -40,21 +45,9 @@ impl<R: Real, const N: usize, const C: usize> Kernel for Accumulate<'_, R, N, C>
             self.tile::<S, 1>(simd, k, lanes);
             k += 1;
         }
-        for c in 0..C {
-            let sums = &mut self.sums[c * self.pitch..c * self.pitch + self.axis];
-            let rest = R::packs_mut::<S>(sums).1;
-            if rest.is_empty() {
-                continue;
-            }
-            for lane in 0..lanes {
-                for n in 0..N {
-                    let row = &self.rows[n][lane * self.axis..(lane + 1) * self.axis];
-                    let factor = self.factors[n][c][lane];
-                    for (sum, x) in rest.iter_mut().zip(R::packs::<S>(row).1) {
-                        *sum = factor.mul_add::<S>(*x, *sum);
-                    }
-                }
-            }
+        let rest = R::packs::<S>(&self.sums[..self.axis]).1.len();
+        if rest > 0 {
+            self.one_by_one::<S>(self.axis - rest..self.axis, lanes);
         }
     }
 }
@@ -82,9 +75,31 @@ impl<R: Real, const N: usize, const C: usize> Accumulate<'_, R, N, C> {
                 }
             }
         }
+        let differentiates = self.derivatives.iter().any(|&d| d != Derivative::Neither);
+        if differentiates && !are_finite::<R, S, C, T>(simd, &sums) {
+            let width = size_of::<R::Pack<S>>() / size_of::<R>();
+            return self.one_by_one::<S>(k * width..(k + T) * width, lanes);
+        }
         for c in 0..C {
             let all = R::packs_mut::<S>(&mut self.sums[c * pitch..c * pitch + axis]).0;
             all[k..k + T].copy_from_slice(&sums[c]);
+        }
+    }
+
+    /// Some elements of the sums, without vectors and by the zero rule.
+    #[inline(always)]
+    fn one_by_one<F: Fma>(&mut self, elements: Range<usize>, lanes: usize) {
+        for c in 0..C {
+            let sums = &mut self.sums[c * self.pitch..][elements.clone()];
+            for lane in 0..lanes {
+                for n in 0..N {
+                    let row = &self.rows[n][lane * self.axis..][elements.clone()];
+                    let (factor, derivative) = (self.factors[n][c][lane], self.derivatives[n]);
+                    for (sum, x) in sums.iter_mut().zip(row) {
+                        *sum = add_product::<R, F>(factor, *x, *sum, derivative);
+                    }
+                }
+            }
         }
     }
 }
@@ -104,8 +119,8 @@ impl<R: Real, const C: usize> Kernel for Dots<'_, R, C> {
 
     #[inline(always)]
     fn run<S: Simd>(self, simd: S) {
-        for (lane, row) in self.rows.chunks_exact(self.axis).enumerate() {
-            let (row, row_rest) = R::packs::<S>(row);
+        for (lane, whole) in self.rows.chunks_exact(self.axis).enumerate() {
+            let (row, row_rest) = R::packs::<S>(whole);
             let mut sums = [R::splat(simd, R::default()); C];
             for c in 0..C {
                 for (g, x) in R::packs::<S>(self.g[c]).0.iter().zip(row) {
@@ -116,6 +131,12 @@ impl<R: Real, const C: usize> Kernel for Dots<'_, R, C> {
                 let mut sum = R::sum(simd, sums[c]);
                 for (g, x) in R::packs::<S>(self.g[c]).1.iter().zip(row_rest) {
                     sum = g.mul_add::<S>(*x, sum);
+                }
+                if !sum.is_finite() {
+                    sum = R::default();
+                    for (g, x) in self.g[c].iter().zip(whole) {
+                        sum = add_product::<R, S>(*g, *x, sum, Derivative::First);
+                    }
                 }
                 let out = &mut self.out[c * self.pitch + lane];
                 *out = if self.add { *out + sum } else { sum };
@@ -138,6 +159,13 @@ impl<R: Real, const C: usize> Kernel for PullRows<'_, R, C> {
 
     #[inline(always)]
     fn run<S: Simd>(mut self, simd: S) {
+        let mut finite = true;
+        for c in 0..C {
+            finite &= all_finite(simd, self.factors[c]);
+        }
+        if !finite {
+            return self.one_by_one::<S>();
+        }
         let packs = R::packs::<S>(self.g[0]).0.len();
         let mut k = 0;
         while k + TILE <= packs {
@@ -162,6 +190,21 @@ impl<R: Real, const C: usize> Kernel for PullRows<'_, R, C> {
 }
 
 impl<R: Real, const C: usize> PullRows<'_, R, C> {
+    /// All rows, without vectors and by the zero rule.
+    #[inline(always)]
+    fn one_by_one<F: Fma>(&mut self) {
+        for (lane, row) in self.rows.chunks_exact_mut(self.axis).enumerate() {
+            for (k, out) in row.iter_mut().enumerate() {
+                let mut sum = if self.add { *out } else { R::default() };
+                for c in 0..C {
+                    let (factor, g) = (self.factors[c][lane], self.g[c][k]);
+                    sum = add_product::<R, F>(factor, g, sum, Derivative::Second);
+                }
+                *out = sum;
+            }
+        }
+    }
+
     /// Packs `k .. k + T` of the rows, with those of `g` in registers over all lanes.
     #[inline(always)]
     fn tile<S: Simd, const T: usize>(&mut self, simd: S, k: usize) {
@@ -215,7 +258,7 @@ impl<R: Real> Kernel for Products<'_, R> {
             .zip(self.out.chunks_exact_mut(axis))
         {
             for k in 0..axis {
-                let product = self.g[k] * other[k];
+                let product = times(self.g[k], other[k]);
                 out[k] = if self.add { out[k] + product } else { product };
             }
         }
@@ -224,7 +267,11 @@ impl<R: Real> Kernel for Products<'_, R> {
 
 #[inline(always)]
 fn scale<R: Real>(factor: R, x: &[R], out: &mut [R], add: bool) {
-    if add {
+    if factor.is_zero() {
+        if !add {
+            out.fill(R::default());
+        }
+    } else if add {
         for (out, x) in out.iter_mut().zip(x) {
             *out = *out + factor * *x;
         }

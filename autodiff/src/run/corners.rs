@@ -3,25 +3,31 @@
 use super::block::{Env, Lanes, View};
 use super::interpolation;
 use super::lookup::Rows;
+use super::zero::Derivative;
 use crate::buffer::Buffer;
 use crate::graph::{CORNERS, NodeId, Op};
 use crate::real::Real;
 
+/// An interpolated lookup in `tables` with `weights`, of which one may be a derivative; the flags: whether to overwrite, and to take
+/// weights that do not move too.
 pub(super) fn interpolate<R: Real>(
     env: &Env<R>,
     lanes: Lanes,
     id: NodeId,
     tables: View<R>,
     weights: View<R>,
-    first: bool,
-    all_weights: bool,
+    (first, all_weights): (bool, bool),
+    derivative: Derivative,
     out: &mut Buffer<R>,
 ) {
     let table = tables.table(env, env.program.nodes[id].inputs[0]);
     let wanted = |weight: NodeId| all_weights || env.moving[weight];
     with_corners(env, lanes, id, weights, wanted, |corners| {
         let (rows, out) = (rows(env, id), out.as_mut_slice());
-        interpolation::gather_weighted(env.arch, table, rows, lanes.len, corners, out, first);
+        let lanes = lanes.len;
+        interpolation::gather_weighted(
+            env.arch, table, rows, lanes, corners, out, first, derivative,
+        );
     });
 }
 

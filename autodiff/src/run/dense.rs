@@ -7,6 +7,7 @@ use super::chunk::Chunk;
 use super::lane::Lane;
 use super::matmul::{Matrix, Outer, Product, outer, product};
 use super::value::values;
+use super::zero::Derivative;
 use crate::buffer::Buffer;
 use crate::graph::NodeId;
 use crate::program::PullKind;
@@ -14,7 +15,7 @@ use crate::program::PullKind;
 /// Sums of a bias's adjoint that are added up side by side: each waits for its own last addition only.
 const TOGETHER: usize = 8;
 
-/// A dense layer on `xs` and `weights`; the flags: whether to overwrite, and to add the bias.
+/// A dense layer on `xs` and `weights`, of which one may be a derivative; the flags: whether to overwrite, and to add the bias.
 pub(super) fn dense<R: Lane>(
     env: &Env<R>,
     lanes: Lanes,
@@ -22,6 +23,7 @@ pub(super) fn dense<R: Lane>(
     xs: View<R>,
     weights: View<R>,
     (first, bias): (bool, bool),
+    derivative: Derivative,
     out: &mut Buffer<R>,
     scratch: &mut Buffer<R>,
 ) {
@@ -47,6 +49,7 @@ pub(super) fn dense<R: Lane>(
             inner,
             lanes: lanes.len,
             add: !first,
+            derivative,
         },
     );
 }
@@ -100,6 +103,7 @@ pub(super) fn dense_adjoint<R: Lane>(
                     inner: rows,
                     lanes: lanes.len,
                     add,
+                    derivative: Derivative::Second,
                 },
             );
         });

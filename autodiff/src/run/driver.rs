@@ -1,8 +1,7 @@
 //! Running phases: chunks in parallel, then their private results into whole arrays, in a fixed order.
 
-use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use pulp::Arch;
 use rayon::prelude::*;
@@ -13,7 +12,7 @@ use super::fused::Fused;
 use super::lane::Lane;
 use super::lookup::interleave;
 use super::passes;
-use super::plan::{Marks, Plan, forward_plans, reverse_plans};
+use super::plan::{Plan, forward_plans};
 use super::replay::mark_replay;
 use super::room::{grow, scratch_len, stride, threads};
 use super::sizes::{Extent, Sizes};
@@ -23,7 +22,7 @@ use crate::graph::{NodeId, Op};
 use crate::program::{Body, Program};
 
 /// All that a run changes, for one scalar type.
-pub(super) struct State<R> {
+pub(super) struct State<R: Lane> {
     pub extent: Extent,
     pub values: Vec<Whole<R>>,
     pub tangents: Vec<Whole<R>>,
@@ -39,13 +38,15 @@ pub(super) struct State<R> {
     pub(super) replay: Vec<bool>,
     pub(super) chunks: Vec<Vec<Mutex<Chunk<R>>>>,
     pub(super) strides: Vec<usize>,
-    places: Vec<Vec<Place>>,
+    pub(super) places: Vec<Vec<Place>>,
     /// Phases whose gradient is computed in one go.
-    pub(super) fused: Option<Fused>,
-    plans: Vec<Vec<Plan>>,
+    pub(super) fused: Option<Arc<Fused>>,
+    pub(super) plans: Vec<Vec<Plan>>,
     /// Which adjoints a phase has written, while its plans are made.
-    written: Vec<bool>,
-    pub(super) workers: Vec<Worker<R>>,
+    pub(super) written: Vec<bool>,
+    /// Behind a lock, so that they stay where they are if an operation of the user panics.
+    pub(super) workers: Mutex<Vec<Worker<R>>>,
+    pub(super) parts: Buffer<R::Part>,
     pub(super) column: Buffer<R>,
     pub(super) arch: Arch,
 }
@@ -104,12 +105,13 @@ impl<R: Lane> State<R> {
             seeded: vec![false; nodes],
             replay: vec![false; nodes],
             chunks,
-            fused: Fused::new(program, &extent, &strides, &resolved),
+            fused: Fused::new(program, &extent, &strides, &resolved).map(Arc::new),
             strides,
             places: resolved,
             plans,
             written: Vec::new(),
-            workers: (0..threads).map(|_| Worker::new()).collect(),
+            workers: Mutex::new((0..threads).map(|_| Worker::new()).collect()),
+            parts: Buffer::zeros(0),
             column: Buffer::zeros(0),
             arch: Arch::new(),
             extent,
@@ -153,15 +155,17 @@ impl<R: Lane> State<R> {
             Whole::Owned(buffer) => buffer.bytes(),
             Whole::Shared(_) => 0,
         });
-        let chunks = self.chunks.iter().flatten().map(|chunk| {
-            let chunk = chunk.lock().unwrap_or_else(PoisonError::into_inner);
-            chunk.bytes()
-        });
+        let chunks = self
+            .chunks
+            .iter()
+            .flatten()
+            .map(|chunk| lock(chunk).bytes());
         whole.sum::<usize>()
             + chunks.sum::<usize>()
-            + self.workers.iter().map(Worker::bytes).sum::<usize>()
+            + lock(&self.workers).iter().map(Worker::bytes).sum::<usize>()
             + tables.map(Buffer::bytes).sum::<usize>()
             + self.column.bytes()
+            + self.parts.bytes()
     }
 
     /// The tangents of moving nodes where all values are those of what is bound already: linear maps, which are the most of many
@@ -259,105 +263,11 @@ impl<R: Lane> State<R> {
         }
     }
 
-    /// Forgets all seeds; adjoints are then seeded with [`State::seed`].
-    pub fn clear_adjoints(&mut self) {
-        self.seeded.fill(false);
-        self.live.fill(false);
-    }
-
-    /// The adjoint array of an output, ready to be added to.
-    pub fn seed(&mut self, program: &Program, id: NodeId) -> &mut [R] {
-        let len = self.len(id);
-        self.live[id] = program.nodes[id].active;
-        let first = !std::mem::replace(&mut self.seeded[id], true);
-        let adjoint = own(&mut self.adjoints[id]);
-        adjoint.ensure(len);
-        if first {
-            adjoint.as_mut_slice().fill(R::default());
-        }
-        adjoint.as_mut_slice()
-    }
-
-    /// Seeds an output with its own tangent, times weights.
-    pub fn seed_with_tangent(&mut self, id: NodeId, weights: Option<&[R]>) {
-        let tangent = self.tangents[id].as_slice();
-        let seeds = own(&mut self.adjoints[id]).as_mut_slice();
-        match weights {
-            None => seeds.copy_from_slice(tangent),
-            Some(weights) => {
-                for ((seed, t), w) in seeds.iter_mut().zip(tangent).zip(weights) {
-                    *seed = *t * *w;
-                }
-            }
-        }
-    }
-
-    /// Marks what seeds reach.
-    pub(super) fn spread_liveness(&mut self, program: &Program) {
-        for id in (0..program.nodes.len()).rev() {
-            if self.live[id] {
-                for &input in &program.nodes[id].inputs {
-                    self.live[input] |= program.nodes[input].active;
-                }
-            }
-        }
-    }
-
-    /// Passes the seeded adjoints back through some phases, of which one may have run already, and to the parameters.
-    pub fn reverse(&mut self, program: &Program, phases: Range<usize>, done: Option<usize>) {
-        self.spread_liveness(program);
-        for p in phases.clone().rev() {
-            let phase = &program.phases[p];
-            if !phase.nodes.iter().any(|&id| self.live[id]) {
-                continue;
-            }
-            if let Body::Map = phase.body {
-                self.map_adjoint(program, phase.nodes[0]);
-                continue;
-            }
-            if done != Some(p) {
-                self.plan_reverse(program, p);
-                self.prepare(program, p, Pass::Adjoints);
-                self.run(program, p, passes::reverse);
-            }
-            self.assemble_adjoints(program, p);
-        }
-        if phases.start > 0 {
-            return;
-        }
-        for (id, node) in program.nodes.iter().enumerate() {
-            if matches!(node.op, Op::Param) && !self.seeded[id] {
-                let len = self.len(id);
-                let adjoint = own(&mut self.adjoints[id]);
-                adjoint.ensure(len);
-                adjoint.as_mut_slice().fill(R::default());
-            }
-        }
-    }
-
-    /// Plans the way back through a phase.
-    pub(super) fn plan_reverse(&mut self, program: &Program, p: usize) {
-        self.mark_replay(program, p);
-        let marks = Marks {
-            live: &self.live,
-            seeded: &self.seeded,
-            replay: &self.replay,
-        };
-        reverse_plans(
-            program,
-            &program.phases[p],
-            &self.places[p],
-            &marks,
-            &mut self.written,
-            &mut self.plans[p],
-        );
-    }
-
     /// Makes room for a pass over a phase; does nothing when it ran before.
     pub(super) fn prepare(&mut self, program: &Program, p: usize, pass: Pass) {
         let (phase, extent, stride) = (&program.phases[p], &self.extent, self.strides[p]);
         for chunk in &mut self.chunks[p] {
-            let chunk = chunk.get_mut().unwrap_or_else(PoisonError::into_inner);
+            let chunk = unlocked(chunk);
             let span = chunk.span.clone();
             let store = || {
                 phase
@@ -394,7 +304,7 @@ impl<R: Lane> State<R> {
             shape.channels * stride * extent.axis(shape.axis)
         };
         let scratch = scratch_len(program, phase, stride, widest(program, extent, phase));
-        for worker in &mut self.workers {
+        for worker in unlocked(&mut self.workers) {
             grow(&mut worker.values, phase, phase.computed, room);
             if pass == Pass::Tangents {
                 grow(&mut worker.tangents, phase, phase.computed, room);
@@ -411,18 +321,18 @@ impl<R: Lane> State<R> {
     }
 
     /// Runs the chunks of a phase in parallel. Which thread takes which chunk has no influence on any result.
-    fn run(
+    pub(super) fn run(
         &mut self,
         program: &Program,
         p: usize,
         work: impl Fn(&Env<R>, &mut Worker<R>, &mut Chunk<R>) + Sync,
     ) {
-        let mut workers = std::mem::take(&mut self.workers);
         let env = self.env(program, p);
-        share(&mut workers, &self.chunks[p], |worker, chunk| {
-            work(&env, worker, chunk)
-        });
-        self.workers = workers;
+        share(
+            &mut lock(&self.workers),
+            &self.chunks[p],
+            |worker, chunk| work(&env, worker, chunk),
+        );
     }
 
     /// What the blocks of a phase share.
@@ -449,6 +359,16 @@ impl<R: Lane> State<R> {
     }
 }
 
+/// What a lock guards, whether or not somebody panicked meanwhile: all of it is written before it is read.
+pub(super) fn lock<T>(guarded: &Mutex<T>) -> MutexGuard<'_, T> {
+    guarded.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The same for who needs no lock.
+pub(super) fn unlocked<T>(guarded: &mut Mutex<T>) -> &mut T {
+    guarded.get_mut().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// Has the workers take chunks until there are none left.
 pub(super) fn share<R: Lane>(
     workers: &mut [Worker<R>],
@@ -458,8 +378,7 @@ pub(super) fn share<R: Lane>(
     let next = AtomicUsize::new(0);
     let drain = |worker: &mut Worker<R>| {
         while let Some(chunk) = chunks.get(next.fetch_add(1, Ordering::Relaxed)) {
-            let mut chunk = chunk.lock().unwrap_or_else(PoisonError::into_inner);
-            work(worker, &mut chunk);
+            work(worker, &mut lock(chunk));
         }
     };
     if workers.len() == 1 || chunks.len() == 1 {

@@ -6,7 +6,7 @@ use std::ops::Range;
 
 use super::block::{Env, Lanes, Place, Worker, blocks, store};
 use super::chunk::{Chunk, Span, widest};
-use super::driver::{Pass, State, share};
+use super::driver::{Pass, State, lock, share, unlocked};
 use super::lane::Lane;
 use super::passes::{
     clear, fill_constants, forward_step, pull_lanes, replay, reverse_block, sink_position,
@@ -107,7 +107,7 @@ impl<R: Lane> State<R> {
             .filter(|fused| R::PACKED && closed(fused));
         let last = closed.map(|fused| program.fusions[fused.at].last());
         let possible = last.is_some_and(|last| self.is_linear_after(program, last));
-        let Some(fused) = self.fused.take_if(|_| possible) else {
+        let Some(fused) = self.fused.clone().filter(|_| possible) else {
             self.forward(program, false);
             return self.reverse(program, 0..program.phases.len(), None);
         };
@@ -123,7 +123,6 @@ impl<R: Lane> State<R> {
             self.forward_phase(program, p, false);
         }
         self.reverse(program, 0..last + 1, Some(inner));
-        self.fused = Some(fused);
     }
 
     /// Whether the way back through all phases after `p` needs no value that is computed.
@@ -157,18 +156,19 @@ impl<R: Lane> State<R> {
             &program.phases[inner],
             self.strides[inner],
         );
-        self.workers.iter_mut().for_each(|w| w.kept.grow(kept));
+        let workers = unlocked(&mut self.workers);
+        workers.iter_mut().for_each(|w| w.kept.grow(kept));
         if let Some(outer) = fusion.outer {
             self.interleave(program, outer, false);
             self.plan_reverse(program, outer);
             self.prepare_above(program, outer);
         }
-        let mut workers = std::mem::take(&mut self.workers);
         let env = self.env(program, inner);
         let outer = fusion.outer.map(|outer| Env {
             places: &fused.places,
             ..self.env(program, outer)
         });
+        let mut workers = lock(&self.workers);
         share(&mut workers, &self.chunks[inner], |worker, chunk| {
             clear(&mut chunk.sink);
             clear(&mut chunk.pull);
@@ -181,7 +181,6 @@ impl<R: Lane> State<R> {
                 _ => run_blocks(&env, worker, chunk),
             }
         });
-        self.workers = workers;
     }
 
     fn mark_sums(&mut self, fusion: &Fusion, known: bool) {
@@ -195,7 +194,7 @@ impl<R: Lane> State<R> {
         let (phase, stride) = (&program.phases[outer], self.strides[outer]);
         let room = room(program, &self.extent, stride);
         let widest = widest(program, &self.extent, phase);
-        for worker in &mut self.workers {
+        for worker in unlocked(&mut self.workers) {
             let above = worker.above.get_or_insert_with(|| Box::new(Worker::new()));
             grow(&mut above.values, phase, phase.locals.len(), &room);
             grow(&mut above.adjoints, phase, phase.locals.len(), &room);

@@ -4,6 +4,7 @@ use std::fmt;
 
 use super::workspace::Workspace;
 use crate::error::RunError;
+use crate::graph::Op;
 use crate::program::Program;
 
 /// How to check: seeds and tolerances.
@@ -13,7 +14,7 @@ pub struct GradCheck {
     pub seed: u64,
     /// Step of the differences, relative to the size of a parameter's elements.
     pub step: f64,
-    /// How far differences and derivatives may be apart, relative to their size.
+    /// How far differences and derivatives may be apart, relative to their size, beyond what rounding makes of differences.
     pub difference_tolerance: f64,
     /// How far forward and reverse may be apart.
     pub transpose_tolerance: f64,
@@ -30,7 +31,8 @@ impl Default for GradCheck {
     }
 }
 
-/// What was found for one parameter, along a random direction. Errors are relative.
+/// What was found for one parameter, along a random direction. Errors are relative to the derivative; those against differences
+/// are what is left after rounding of the values that were subtracted.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ParamCheck {
     /// The parameter.
@@ -52,7 +54,7 @@ pub struct ParamCheck {
 /// The result of [`Program::gradcheck`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct GradReport {
-    /// One entry for each parameter.
+    /// One entry for each parameter that outputs depend on.
     pub params: Vec<ParamCheck>,
     /// What was asked.
     pub asked: GradCheck,
@@ -132,7 +134,10 @@ impl Program {
     ) -> Result<GradReport, RunError> {
         self.forward(ws)?;
         let weights = directions(asked.seed, ws.output(output)?.len());
-        let names: Vec<String> = self.params().map(str::to_string).collect();
+        // Parameters that nothing depends on may be unbound.
+        let nodes = self.nodes.iter().zip(&self.used);
+        let used = nodes.filter(|(node, used)| **used && matches!(node.op, Op::Param));
+        let names: Vec<String> = used.filter_map(|(node, _)| node.name.clone()).collect();
         let mut params = Vec::new();
         for (k, name) in names.iter().enumerate() {
             let at = ws.value(name)?.to_vec();
@@ -197,8 +202,8 @@ impl Program {
                     (8.0 * (sides[0][i] - sides[1][i]) - (sides[2][i] - sides[3][i])) / (12.0 * h)
                 });
                 let error = by_differences.zip(exact).map(|(a, b)| (a - b).powi(2));
-                let slope = norm(&sides[0]).max(1e-12 / h);
-                Some(error.sum::<f64>().sqrt() / norm(exact).max(slope))
+                let rounding = ROUNDING * norm(&sides[0]).max(norm(&sides[1])) / h;
+                Some(relative(error.sum::<f64>().sqrt(), rounding, norm(exact)))
             }
             Err(RunError::FirstOrderOnly { .. }) => None,
             Err(error) => return Err(error),
@@ -208,11 +213,25 @@ impl Program {
             by_differences,
             forward,
             reverse,
-            difference_error: (by_differences - forward).abs()
-                / size.max(scale).max(f64::MIN_POSITIVE),
-            transpose_error: (forward - reverse).abs() / size.max(f64::MIN_POSITIVE),
+            difference_error: relative(
+                (by_differences - forward).abs(),
+                ROUNDING * scale / h,
+                size,
+            ),
+            transpose_error: relative((forward - reverse).abs(), 0.0, size),
             hessian_error,
         })
+    }
+}
+
+/// How far a value, or a gradient, may be off by rounding, relative to its size.
+const ROUNDING: f64 = 32.0 * f64::EPSILON;
+
+/// What is left of an error beyond rounding, relative to the size of a derivative; NaN stays NaN.
+fn relative(error: f64, rounding: f64, size: f64) -> f64 {
+    match error <= rounding {
+        true => 0.0,
+        false => (error - rounding) / size.max(f64::MIN_POSITIVE),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::driver::{State, own};
 use super::modes::Engine;
-use super::workspace::Workspace;
+use super::workspace::{Workspace, not_computed};
 use crate::buffer::Buffer;
 use crate::error::RunError;
 use crate::graph::Op;
@@ -19,10 +19,11 @@ impl Program {
     /// Product of the Hessian of an output (of the sum of its elements) with a direction in parameter space; parameters not
     /// named stand still. Read it with [`Workspace::hessian_product`]; the gradient is computed too.
     ///
-    /// Exact: forward differentiation of the reverse pass. It needs about twice the memory of a gradient in addition.
+    /// Exact: forward differentiation of the reverse pass. It needs about twice the memory of a gradient in addition
+    /// ([`crate::Memory::hessian`]). What is detached is held still, as samples are.
     ///
     /// # Errors
-    /// As [`Program::jvp`] and [`Program::vjp`]; an operation that is [`crate::FirstOrderOnly`].
+    /// As [`Program::jvp`] and [`Program::vjp`]; an operation that is [`crate::FirstOrderOnly`] where the gradient passes it.
     pub fn hvp<S: Scalar>(
         &self,
         ws: &mut Workspace<S>,
@@ -31,8 +32,10 @@ impl Program {
     ) -> Result<(), RunError> {
         ws.check_ready(self)?;
         let target = ws.output_id(output)?;
-        for node in &self.nodes {
+        ws.state.mark_live(self, target);
+        for (node, live) in self.nodes.iter().zip(&ws.state.live) {
             if let Op::Custom(op) = &node.op
+                && *live
                 && op.is_first_order()
             {
                 return Err(RunError::FirstOrderOnly {
@@ -59,7 +62,7 @@ impl Program {
             }
             let values = ws.state.values[id].as_slice();
             let given = direction.iter().find(|(name, _)| {
-                matches!(node.op, Op::Param) && node.label.as_deref() == Some(name)
+                matches!(node.op, Op::Param) && node.name.as_deref() == Some(name)
             });
             let target = own(&mut state.values[id]);
             target.ensure(values.len());
@@ -89,19 +92,35 @@ impl Program {
                 (*gradient, *product) = S::split(*dual);
             }
         }
+        // Index arrays are the workspace's alone again, so that the next ones are copied into them.
+        state.indices.fill(ws.no_index.clone());
         ws.curvature = Some(curvature);
+        ws.has_gradient = true;
         Ok(())
     }
 }
 
 impl<S: Scalar> Workspace<S> {
-    /// The part of the last Hessian-vector product that belongs to a parameter; empty before [`Program::hvp`].
+    /// The part of the last Hessian-vector product that belongs to a parameter.
     ///
     /// # Errors
-    /// An unknown name.
+    /// An unknown name; no [`Program::hvp`] before.
     pub fn hessian_product(&self, name: &str) -> Result<&[S], RunError> {
         let (id, _) = self.param(name)?;
-        let curvature = self.curvature.as_ref();
-        Ok(curvature.map_or(&[], |curvature| curvature.products[id].as_slice()))
+        let Some(curvature) = &self.curvature else {
+            return Err(not_computed(
+                "Hessian-vector product",
+                name,
+                "`Program::hvp`",
+            ));
+        };
+        Ok(curvature.products[id].as_slice())
+    }
+}
+
+impl<S: Scalar> Curvature<S> {
+    /// Heap bytes held.
+    pub fn bytes(&self) -> usize {
+        self.state.bytes() + self.products.iter().map(Buffer::bytes).sum::<usize>()
     }
 }

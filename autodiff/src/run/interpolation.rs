@@ -3,8 +3,9 @@
 use pulp::{Arch, Simd};
 
 use super::lookup::Rows;
+use super::zero::{Derivative, add_product};
 use crate::op::kernel::{Kernel, dispatch};
-use crate::real::Real;
+use crate::real::{Fma, Real};
 
 /// An index array and the weights of its rows.
 pub(super) type Corner<'a, R> = (&'a [u32], &'a [R]);
@@ -12,7 +13,7 @@ pub(super) type Corner<'a, R> = (&'a [u32], &'a [R]);
 /// Corners looked up together by one call; more corners take several.
 const CORNERS: usize = 4;
 
-/// `block[lane] (+)= sum_k weight_k[lane] table[index_k[lane]]`.
+/// `block[lane] (+)= sum_k weight_k[lane] table[index_k[lane]]`; the weights, or else the table, may be derivatives.
 pub(super) fn gather_weighted<R: Real>(
     arch: Arch,
     table: &[R],
@@ -21,6 +22,7 @@ pub(super) fn gather_weighted<R: Real>(
     corners: &[Corner<R>],
     block: &mut [R],
     first: bool,
+    derivative: Derivative,
 ) {
     for channel in 0..rows.channels {
         let start = channel * rows.pitch;
@@ -39,6 +41,7 @@ pub(super) fn gather_weighted<R: Real>(
                     corners,
                     target,
                     add,
+                    derivative,
                 },
             );
             add = true;
@@ -54,6 +57,7 @@ pub(super) fn gather_weighted<R: Real>(
                     corners,
                     target,
                     add,
+                    derivative,
                 },
             );
             add = true;
@@ -68,13 +72,47 @@ struct Interpolate<'a, R, const N: usize> {
     corners: [Corner<'a, R>; N],
     target: &'a mut [R],
     add: bool,
+    /// Of weight and row.
+    derivative: Derivative,
+}
+
+impl<R: Real, const N: usize> Interpolate<'_, R, N> {
+    /// Whether the weights of a lane ask for the zero rule.
+    #[inline(always)]
+    fn is_risky(&self, lane: usize) -> bool {
+        let mut risky = false;
+        for (_, weight) in &self.corners {
+            risky |= match self.derivative {
+                Derivative::Neither => false,
+                Derivative::First => weight[lane].is_zero(),
+                Derivative::Second => !weight[lane].is_finite(),
+            };
+        }
+        risky
+    }
+
+    /// One lane by the zero rule.
+    #[inline(always)]
+    fn one_by_one<F: Fma>(&mut self, lane: usize) {
+        let (axis, offset) = (self.rows.axis, self.channel * self.rows.axis);
+        let target = &mut self.target[lane * axis..(lane + 1) * axis];
+        if !self.add {
+            target.fill(R::default());
+        }
+        for (index, weight) in &self.corners {
+            let row = &self.table[index[lane] as usize * self.rows.width() + offset..][..axis];
+            for (target, x) in target.iter_mut().zip(row) {
+                *target = add_product::<R, F>(weight[lane], *x, *target, self.derivative);
+            }
+        }
+    }
 }
 
 impl<R: Real, const N: usize> Kernel for Interpolate<'_, R, N> {
     const PACKED: bool = R::PACKED;
 
     #[inline(always)]
-    fn run<S: Simd>(self, simd: S) {
+    fn run<S: Simd>(mut self, simd: S) {
         let (axis, width) = (self.rows.axis, self.rows.width());
         let offset = self.channel * axis;
         let mut corners = self.corners;
@@ -83,17 +121,27 @@ impl<R: Real, const N: usize> Kernel for Interpolate<'_, R, N> {
             corners[k] = (&corners[k].0[..lanes], &corners[k].1[..lanes]);
         }
         if axis == 1 {
-            for (lane, target) in self.target.iter_mut().enumerate() {
-                let mut sum = if self.add { *target } else { R::default() };
+            for lane in 0..lanes {
+                let target = self.target[lane];
+                let mut sum = if self.add { target } else { R::default() };
                 for (index, weight) in corners {
                     let x = self.table[index[lane] as usize * width + offset];
                     sum = weight[lane].mul_add::<S>(x, sum);
                 }
-                *target = sum;
+                if self.derivative != Derivative::Neither && !sum.is_finite() {
+                    self.one_by_one::<S>(lane);
+                } else {
+                    self.target[lane] = sum;
+                }
             }
             return;
         }
-        for (lane, target) in self.target.chunks_exact_mut(axis).enumerate() {
+        for lane in 0..lanes {
+            if self.derivative != Derivative::Neither && self.is_risky(lane) {
+                self.one_by_one::<S>(lane);
+                continue;
+            }
+            let target = &mut self.target[lane * axis..(lane + 1) * axis];
             let mut rows = [(&self.table[..0], R::default()); N];
             for k in 0..N {
                 let i = corners[k].0[lane] as usize * width + offset;
@@ -129,7 +177,7 @@ impl<R: Real, const N: usize> Kernel for Interpolate<'_, R, N> {
     }
 }
 
-/// `table[index_k[lane]] += weight_k[lane] block[lane]`: lanes in order, corners in order within a lane.
+/// `table[index_k[lane]] += weight_k[lane] block[lane]`, a derivative: lanes in order, corners in order within a lane.
 pub(super) fn scatter_weighted<R: Real>(
     arch: Arch,
     table: &mut [R],
@@ -174,6 +222,12 @@ impl<R: Real> Kernel for ScatterWeighted<'_, R> {
             let (source, source_rest) = R::packs::<S>(row);
             for (index, weight) in self.corners {
                 let (i, weight) = (index[lane] as usize * width + offset, weight[lane]);
+                if !weight.is_finite() {
+                    for (target, x) in self.table[i..i + axis].iter_mut().zip(row) {
+                        *target = add_product::<R, S>(weight, *x, *target, Derivative::Second);
+                    }
+                    continue;
+                }
                 let (target, rest) = R::packs_mut::<S>(&mut self.table[i..i + axis]);
                 let factor = R::splat(simd, weight);
                 for (t, x) in target.iter_mut().zip(source) {

@@ -2,6 +2,7 @@
 
 use pulp::Arch;
 
+use crate::buffer::Buffer;
 use crate::custom::{Call, Erased};
 use crate::dual::Dual;
 use crate::graph::{Node, Op};
@@ -12,13 +13,17 @@ use crate::real::Real;
 /// A scalar that programs run over.
 #[doc(hidden)]
 pub trait Lane: Real {
-    /// Applies a fixed linear operator to a `lanes x columns` array.
+    /// What a number is made of, as far as linear operators are concerned.
+    type Part: Real;
+    /// Applies a fixed linear operator to a `lanes x columns` array. `parts` is room that is kept between calls.
+    #[allow(private_interfaces)]
     fn apply_map(
         map: &dyn LinearMap,
         transpose: bool,
         columns: usize,
         input: &[Self],
         output: &mut [Self],
+        parts: &mut Buffer<Self::Part>,
     );
     /// Runs a user's operation.
     #[allow(private_interfaces)]
@@ -28,12 +33,15 @@ pub trait Lane: Real {
 macro_rules! lane {
     ($t:ident, $apply:ident, $transpose:ident, $dual:ident) => {
         impl Lane for $t {
+            type Part = $t;
+            #[allow(private_interfaces)]
             fn apply_map(
                 map: &dyn LinearMap,
                 transpose: bool,
                 columns: usize,
                 input: &[Self],
                 output: &mut [Self],
+                _: &mut Buffer<$t>,
             ) {
                 if transpose {
                     map.$transpose(columns, input, output)
@@ -48,22 +56,34 @@ macro_rules! lane {
         }
 
         impl Lane for Dual<$t> {
+            type Part = $t;
+            #[allow(private_interfaces)]
             fn apply_map(
                 map: &dyn LinearMap,
                 transpose: bool,
                 columns: usize,
                 input: &[Self],
                 output: &mut [Self],
+                parts: &mut Buffer<$t>,
             ) {
-                // The operator is linear: value and derivative go through it side by side.
-                let values: Vec<$t> = input.iter().map(|x| x.value).collect();
-                let derivatives: Vec<$t> = input.iter().map(|x| x.derivative).collect();
-                let mut value = vec![0.0; output.len()];
-                let mut derivative = vec![0.0; output.len()];
-                $t::apply_map(map, transpose, columns, &values, &mut value);
-                $t::apply_map(map, transpose, columns, &derivatives, &mut derivative);
+                // The operator is linear: value and derivative go through it one after the other.
+                let (n, m) = (input.len(), output.len());
+                parts.grow(n + 2 * m);
+                let (source, results) = parts.as_mut_slice()[..n + 2 * m].split_at_mut(n);
+                let (values, derivatives) = results.split_at_mut(m);
+                let plain = |map: &dyn LinearMap, x: &[$t], y: &mut [$t]| match transpose {
+                    true => map.$transpose(columns, x, y),
+                    false => map.$apply(columns, x, y),
+                };
+                source.iter_mut().zip(input).for_each(|(s, x)| *s = x.value);
+                plain(map, source, values);
+                source
+                    .iter_mut()
+                    .zip(input)
+                    .for_each(|(s, x)| *s = x.derivative);
+                plain(map, source, derivatives);
                 for (i, out) in output.iter_mut().enumerate() {
-                    *out = Dual::new(value[i], derivative[i]);
+                    *out = Dual::new(values[i], derivatives[i]);
                 }
             }
             #[allow(private_interfaces)]

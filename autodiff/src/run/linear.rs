@@ -24,7 +24,13 @@ pub(super) fn push<R: Real>(
         Op::Channel(c) => out[..len].copy_from_slice(env.channel(view, lanes, input, c)),
         Op::Detach => {
             for c in 0..node.shape.channels {
-                out[c * pitch..c * pitch + len].copy_from_slice(env.channel(view, lanes, input, c));
+                let out = &mut out[c * pitch..c * pitch + len];
+                let source = env.channel(view, lanes, input, c);
+                if R::PACKED {
+                    out.copy_from_slice(source);
+                } else {
+                    out.iter_mut().zip(source).for_each(|(y, x)| *y = held(*x));
+                }
             }
         }
         Op::Stack => {
@@ -65,7 +71,7 @@ pub(super) fn push<R: Real>(
                     let row = &source[lane * width..(lane + 1) * width];
                     let largest = |largest: R, x: &R| if *x > largest { *x } else { largest };
                     let first = row.first().copied().unwrap_or_default();
-                    out[c * pitch + lane] = row.iter().fold(first, largest);
+                    out[c * pitch + lane] = held(row.iter().fold(first, largest));
                 }
             }
         }
@@ -95,6 +101,12 @@ pub(super) fn push<R: Real>(
         }
         _ => {}
     }
+}
+
+/// A number as a constant: derivatives hold still what is detached, second ones too.
+#[inline(always)]
+fn held<R: Real>(x: R) -> R {
+    R::from_f64(x.to_f64())
 }
 
 /// The transpose: from the adjoint `g` of the result to those of the operands.

@@ -18,19 +18,26 @@ impl<R: Lane> State<R> {
         let node = &program.nodes[id];
         let Op::Map(map) = &node.op else { return };
         let input = node.inputs[0];
-        let mut output = std::mem::take(own(&mut arrays[id]));
         let columns = self.extent.axis(node.shape.axis);
         let (from, to) = (
             self.extent.lanes[program.nodes[input].shape.domain] * columns,
             self.extent.lanes[node.shape.domain] * columns,
         );
-        let source = arrays[input].as_slice();
+        // Operands come before results.
+        let (before, after) = arrays.split_at_mut(id);
+        let (source, target) = (before[input].as_slice(), own(&mut after[0]).as_mut_slice());
         for c in 0..node.shape.channels {
             let source = &source[c * from..(c + 1) * from];
-            let target = &mut output.as_mut_slice()[c * to..(c + 1) * to];
-            R::apply_map(map.as_ref(), false, columns, source, target);
+            let target = &mut target[c * to..(c + 1) * to];
+            R::apply_map(
+                map.as_ref(),
+                false,
+                columns,
+                source,
+                target,
+                &mut self.parts,
+            );
         }
-        arrays[id] = Whole::Owned(output);
     }
 
     /// Adds the transpose of a linear map, applied to the adjoint of its result, to the adjoint of its operand.
@@ -54,7 +61,7 @@ impl<R: Lane> State<R> {
         let source = self.adjoints[id].as_slice();
         for c in 0..node.shape.channels {
             let source = &source[c * to..(c + 1) * to];
-            R::apply_map(map.as_ref(), true, columns, source, column);
+            R::apply_map(map.as_ref(), true, columns, source, column, &mut self.parts);
             let target = &mut target.as_mut_slice()[c * from..(c + 1) * from];
             put(self.arch, target, column, add);
         }

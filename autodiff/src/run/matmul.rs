@@ -8,6 +8,7 @@ use std::ops::Range;
 use pulp::{Arch, Simd};
 
 use super::rows::PARTIALS;
+use super::zero::{Derivative, add_product, all_finite};
 use crate::op::kernel::{Kernel, dispatch};
 use crate::real::{Fma, Real};
 
@@ -58,6 +59,8 @@ pub(super) struct Product<'a, R> {
     pub inner: usize,
     pub lanes: usize,
     pub add: bool,
+    /// Of the matrix and `x`.
+    pub derivative: Derivative,
 }
 
 pub(super) fn product<R: Real>(arch: Arch, product: Product<R>) {
@@ -69,6 +72,9 @@ impl<R: Real> Kernel for Product<'_, R> {
 
     #[inline(always)]
     fn run<S: Simd>(mut self, simd: S) {
+        if !self.is_safe(simd) {
+            return self.one_by_one::<S>();
+        }
         // Blocks are padded to whole tiles, so the last one is computed in full; what is beyond `lanes` is not read.
         let padded = self.lanes.next_multiple_of(PARTIALS);
         let packs = R::packs::<S>(&self.x[..padded]).0.len();
@@ -94,6 +100,41 @@ impl<R: Real> Kernel for Product<'_, R> {
 }
 
 impl<R: Real> Product<'_, R> {
+    /// Whether a derivative of 0 times the other factor is 0 everywhere.
+    #[inline(always)]
+    fn is_safe<S: Simd>(&self, simd: S) -> bool {
+        match self.derivative {
+            Derivative::Neither => true,
+            Derivative::First => {
+                let mut finite = true;
+                for i in 0..self.inner {
+                    finite &= all_finite(simd, &self.x[i * self.x_pitch..][..self.lanes]);
+                }
+                finite
+            }
+            Derivative::Second => all_finite(simd, self.matrix.data),
+        }
+    }
+
+    /// Everything, without tiles and by the zero rule; sums are in the same order.
+    #[inline(always)]
+    fn one_by_one<F: Fma>(&mut self) {
+        for row in 0..self.out_rows {
+            let out = &mut self.out[row * self.pitch..][..self.lanes];
+            let bias = self.bias.map_or(R::default(), |bias| bias[row]);
+            for out in out.iter_mut() {
+                *out = if self.add { bias + *out } else { bias };
+            }
+            for i in 0..self.inner {
+                let w = self.matrix.data[row * self.matrix.rows + i * self.matrix.columns];
+                let x = &self.x[i * self.x_pitch..][..self.lanes];
+                for (out, x) in out.iter_mut().zip(x) {
+                    *out = add_product::<R, F>(w, *x, *out, self.derivative);
+                }
+            }
+        }
+    }
+
     /// Lanes `first .. first + len` of some channels, one channel after the other.
     #[inline(always)]
     fn copy(&self, first: usize, len: usize, inner: &Range<usize>, panel: &mut [R]) {
@@ -195,7 +236,7 @@ impl<R: Real> Product<'_, R> {
     }
 }
 
-/// `sums[row][column] += sum_lane g[row][lane] x[column][lane]`, lanes in order. `transposed` is scratch of
+/// `sums[row][column] += sum_lane g[row][lane] x[column][lane]`, lanes in order; `g` is a derivative. `transposed` is scratch of
 /// [`LANES`]` * columns` elements at least, or of `lanes * columns` if that is less.
 pub(super) struct Outer<'a, R> {
     pub g: &'a [R],
@@ -253,6 +294,9 @@ impl<R: Real> Outer<'_, R> {
     #[inline(always)]
     fn some_lanes<S: Simd>(&mut self, simd: S, lanes: Range<usize>) {
         self.transpose(lanes.clone());
+        if !all_finite(simd, &self.transposed[..lanes.len() * self.columns]) {
+            return self.one_by_one::<S>(lanes);
+        }
         let (packs, rest) = R::packs::<S>(&self.transposed[..self.columns]);
         let (packs, rest) = (packs.len(), rest.len());
         let mut row = 0;
@@ -280,6 +324,20 @@ impl<R: Real> Outer<'_, R> {
                 }
             }
             row += height;
+        }
+    }
+
+    /// Some lanes, without tiles and by the zero rule.
+    #[inline(always)]
+    fn one_by_one<F: Fma>(&mut self, lanes: Range<usize>) {
+        for row in 0..self.rows {
+            let sums = &mut self.sums[row * self.columns..][..self.columns];
+            let g = &self.g[row * self.g_pitch..][lanes.clone()];
+            for (g, x) in g.iter().zip(self.transposed.chunks_exact(self.columns)) {
+                for (sum, x) in sums.iter_mut().zip(x) {
+                    *sum = add_product::<R, F>(*g, *x, *sum, Derivative::First);
+                }
+            }
         }
     }
 

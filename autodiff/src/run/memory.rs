@@ -2,13 +2,14 @@
 
 use super::chunk::{pull_len, sink_len, spans, store_len, widest};
 use super::fused;
+use super::lane::Lane;
 use super::lookup::row_width;
 use super::room::{scratch_len, stride, threads};
 use super::sizes::{Extent, Sizes};
 use super::tiles::tile_len;
 use crate::buffer::Buffer;
 use crate::error::RunError;
-use crate::graph::{NodeId, Op};
+use crate::graph::{NodeId, Op, Shape};
 use crate::program::{Body, Phase, Program};
 use crate::real::Scalar;
 
@@ -22,10 +23,12 @@ pub struct Memory {
     pub adjoints: usize,
     /// In addition for [`Program::jvp`]; a Gauss-Newton product needs all three.
     pub tangents: usize,
+    /// In addition for [`Program::hvp`], besides `values`.
+    pub hessian: usize,
 }
 
 impl Memory {
-    /// Bytes for values, adjoints and tangents together.
+    /// Bytes for values, adjoints and tangents together; [`Memory::hessian`] comes on top.
     pub fn total(&self) -> usize {
         self.values + self.adjoints + self.tangents
     }
@@ -38,7 +41,35 @@ impl Program {
     /// As [`Program::workspace`].
     pub fn memory<S: Scalar>(&self, sizes: &Sizes) -> Result<Memory, RunError> {
         let extent = Extent::new(self, sizes)?;
-        let bytes = Buffer::<S>::bytes_for;
+        let mut memory = self.predict::<S>(&extent, sizes);
+        let dual = self.predict::<S::Dual>(&extent, sizes);
+        let bytes = |shape: Shape| {
+            let lanes = extent.lanes[shape.domain];
+            Buffer::<S>::bytes_for(lanes.saturating_mul(shape.channels * extent.axis(shape.axis)))
+        };
+        memory.hessian = dual.values + dual.adjoints;
+        for node in &self.nodes {
+            memory.hessian += match node.op {
+                // The gradient and the product.
+                Op::Param => 2 * bytes(node.shape),
+                _ => 0,
+            };
+        }
+        let maps = self
+            .nodes
+            .iter()
+            .filter(|node| matches!(node.op, Op::Map(_)));
+        let room = maps.map(|node| {
+            let column = |shape: Shape| bytes(shape) / shape.channels;
+            let (input, output) = (self.nodes[node.inputs[0]].shape, node.shape);
+            2 * (column(input) + column(output))
+        });
+        memory.hessian += room.max().unwrap_or(0);
+        Ok(memory)
+    }
+
+    fn predict<R: Lane>(&self, extent: &Extent, sizes: &Sizes) -> Memory {
+        let bytes = Buffer::<R>::bytes_for;
         let mut memory = Memory::default();
         let whole = |id: NodeId| {
             let shape = self.nodes[id].shape;
@@ -78,32 +109,35 @@ impl Program {
         let mut arena = Arena::default();
         let stride = |p: usize| {
             let phase = &self.phases[p];
-            stride(self, &extent, phase, sizes, &spans(self, &extent, phase))
+            stride(self, extent, phase, sizes, &spans(self, extent, phase))
         };
-        let fused = fused::lengths(self, &extent, stride);
+        // Dual numbers run in separate passes.
+        let fused = match R::PACKED {
+            true => fused::lengths(self, extent, stride),
+            false => Vec::new(),
+        };
         for phase in self
             .phases
             .iter()
             .filter(|phase| matches!(phase.body, Body::Block))
         {
-            for span in spans(self, &extent, phase) {
+            for span in spans(self, extent, phase) {
                 let stores = phase
                     .stores
                     .iter()
-                    .map(|&id| store_len(self, &extent, &span, id));
+                    .map(|&id| store_len(self, extent, &span, id));
                 let sinks = phase
                     .sinks
                     .iter()
-                    .map(|&id| sink_len(self, &extent, &span, id));
+                    .map(|&id| sink_len(self, extent, &span, id));
                 let kept: usize = stores.chain(sinks).map(bytes).sum();
                 memory.values += kept;
                 memory.tangents += kept;
                 let pulls = phase.pulls.iter();
-                let pulls =
-                    pulls.map(|pull| pull_len(self, &extent, &span, pull.target, pull.kind));
+                let pulls = pulls.map(|pull| pull_len(self, extent, &span, pull.target, pull.kind));
                 memory.adjoints += pulls.map(bytes).sum::<usize>();
             }
-            arena.fit(self, &extent, phase, sizes);
+            arena.fit(self, extent, phase, sizes);
         }
         let threads = threads(sizes);
         let slots = |slots: &[usize]| slots.iter().map(|&len| bytes(len)).sum::<usize>();
@@ -111,7 +145,7 @@ impl Program {
             threads * (slots(&arena.computed) + bytes(arena.scratch) + bytes(arena.tile));
         memory.tangents += threads * slots(&arena.computed);
         memory.adjoints += threads * (slots(&arena.locals) + slots(&fused));
-        Ok(memory)
+        memory
     }
 }
 

@@ -2,6 +2,7 @@
 
 mod adjoint;
 mod assemble;
+mod backward;
 mod block;
 mod chunk;
 mod contract;
@@ -23,6 +24,7 @@ mod maps;
 mod matmul;
 mod memory;
 mod modes;
+mod origin;
 mod passes;
 mod plan;
 mod replay;
@@ -38,6 +40,7 @@ mod tiles;
 mod value;
 mod walk;
 mod workspace;
+mod zero;
 
 pub use explain::{Explanation, NodeCost};
 pub use gradcheck::{GradCheck, GradReport, ParamCheck};

@@ -144,12 +144,15 @@ impl Program {
             ws.tangent_of(id).copy_from_slice(tangent);
             ws.state.moving[id] = true;
         }
+        // What is there of earlier tangents is overwritten.
+        ws.has_tangent = false;
         if ws.fresh {
             S::tangents(&mut ws.state, self);
         } else {
             S::forward(&mut ws.state, self, true);
             ws.fresh = true;
         }
+        ws.has_tangent = true;
         Ok(())
     }
 
@@ -181,12 +184,14 @@ impl Program {
 
     /// Passes seeds back; values are computed first if something was bound since they last were.
     fn finish_reverse<S: Scalar>(&self, ws: &mut Workspace<S>) {
+        ws.has_gradient = false;
         if ws.fresh {
             S::reverse(&mut ws.state, self);
         } else {
             S::gradient(&mut ws.state, self);
             ws.fresh = true;
         }
+        ws.has_gradient = true;
         debug_assert!(self.nodes.iter().enumerate().all(|(id, node)| {
             !matches!(node.op, Op::Param)
                 || ws.state.adjoints[id].as_slice().len() == ws.state.len(id)

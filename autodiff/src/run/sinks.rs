@@ -4,12 +4,13 @@ use std::mem::take;
 
 use super::block::{Env, Lanes, Worker, into_adjoint};
 use super::chunk::Chunk;
-use super::contract;
+use super::contract::{self, Term};
 use super::lane::Lane;
 use super::linear::add_lanes;
 use super::rows::{put, put_value};
 use super::segments::{collect, expand};
 use super::value::{tangents_of, values};
+use super::zero::Derivative;
 use crate::graph::{NodeId, Op};
 
 /// Adds a block to an accumulation over lanes, of values or of tangents.
@@ -50,12 +51,19 @@ pub(super) fn accumulate<R: Lane>(
         }
         Op::SegmentDot => {
             let (a, b) = (node.inputs[0], node.inputs[1]);
-            let by_a = ((a, view), (b, values));
-            let by_b = ((a, values), (b, view));
+            let term = |x, y, derivative| Term {
+                a: (a, x),
+                b: (b, y),
+                derivative,
+            };
+            let by_a = term(view, values, Derivative::First);
+            let by_b = term(values, view, Derivative::Second);
+            let plain = term(view, values, Derivative::Neither);
             let terms = match (tangents, env.moving[a], env.moving[b]) {
                 (true, true, true) => &[by_a, by_b][..],
                 (true, false, true) => &[by_b],
-                _ => &[by_a],
+                (true, _, _) => &[by_a],
+                (false, _, _) => &[plain],
             };
             let scratch = scratch.as_mut_slice();
             contract::push(env, &chunk.span, lanes, id, terms, sums, scratch);

@@ -42,7 +42,7 @@ impl Sizes {
         self
     }
 
-    /// The size of an axis.
+    /// The size of an axis, at least 1.
     pub fn axis(mut self, axis: &str, size: usize) -> Self {
         self.axes.push((axis.to_string(), size));
         self
@@ -213,6 +213,12 @@ impl Extent {
                 name: name.clone(),
                 hint: "`Sizes::axis`",
             })?;
+            if *size == 0 {
+                return Err(RunError::Sizes {
+                    name: name.clone(),
+                    problem: "an axis has at least one element".to_string(),
+                });
+            }
             extent.axes.push(*size);
         }
         for domain in &program.domains[1..] {

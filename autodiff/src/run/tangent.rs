@@ -9,6 +9,7 @@ use super::rows::put_value;
 
 use super::lane::{Function, Lane};
 use super::value::{operands, push_linear, tangents_of, values};
+use super::zero::Derivative;
 use crate::graph::{NodeId, Op};
 
 pub(super) fn tangent<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes, id: NodeId) {
@@ -44,10 +45,14 @@ pub(super) fn tangent<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lane
         Op::GatherWeighted(_) => {
             let table = moving(node.inputs[0]);
             if table {
-                interpolate(env, lanes, id, tangents, values, true, true, &mut out);
+                let (flags, of_table) = ((true, true), Derivative::Second);
+                interpolate(env, lanes, id, tangents, values, flags, of_table, &mut out);
             }
             if node.inputs[1..].iter().any(|&w| moving(w)) {
-                interpolate(env, lanes, id, values, tangents, !table, false, &mut out);
+                let (flags, of_weights) = ((!table, false), Derivative::First);
+                interpolate(
+                    env, lanes, id, values, tangents, flags, of_weights, &mut out,
+                );
             }
         }
         Op::Matmul => {
@@ -60,6 +65,7 @@ pub(super) fn tangent<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lane
                     tangents,
                     values,
                     (true, false),
+                    Derivative::Second,
                     &mut out,
                     &mut scratch,
                 );
@@ -73,6 +79,7 @@ pub(super) fn tangent<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lane
                     values,
                     tangents,
                     (first, false),
+                    Derivative::First,
                     &mut out,
                     &mut scratch,
                 );

@@ -9,6 +9,7 @@ use super::lane::{Function, Lane};
 use super::linear;
 use super::lookup;
 use super::segments::expand;
+use super::zero::Derivative;
 use crate::buffer::Buffer;
 use crate::graph::{NodeId, Op};
 
@@ -33,7 +34,9 @@ pub(super) fn value<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes,
     }
     match &node.op {
         Op::GatherWeighted(_) => {
-            interpolate(env, lanes, id, view, view, true, true, &mut out);
+            let flags = (true, true);
+            let plain = Derivative::Neither;
+            interpolate(env, lanes, id, view, view, flags, plain, &mut out);
         }
         Op::Matmul => {
             let mut scratch = take(&mut worker.scratch);
@@ -45,6 +48,7 @@ pub(super) fn value<R: Lane>(env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes,
                 view,
                 view,
                 (true, true),
+                Derivative::Neither,
                 &mut out,
                 &mut scratch,
             );

@@ -1,11 +1,9 @@
 //! Runs a program node by node on one thread, watched: for profiles and for finding singularities.
 
-use std::sync::PoisonError;
-
 use super::adjoint::adjoint;
 use super::block::{Env, Lanes, Worker, blocks, is_constant};
 use super::chunk::Chunk;
-use super::driver::State;
+use super::driver::{State, lock};
 use super::lane::Lane;
 use super::passes::{fill_constants, replay_node, seed, sink_position};
 use super::sinks::accumulate;
@@ -26,6 +24,10 @@ pub(crate) trait Observer<R> {
     fn around(&mut self, id: NodeId, way: Way, work: &mut dyn FnMut()) {
         let _ = (id, way);
         work();
+    }
+    /// Whether the way back needs all values, not only those that adjoints are made of.
+    fn wants_values(&self) -> bool {
+        false
     }
     /// Sees a block before a node passes its adjoint on.
     #[allow(private_interfaces)]
@@ -67,15 +69,13 @@ impl<R: Lane> State<R> {
         p: usize,
         mut work: impl FnMut(&Env<R>, &mut Worker<R>, &mut Chunk<R>),
     ) {
-        let mut workers = std::mem::take(&mut self.workers);
+        let mut workers = lock(&self.workers);
         if let Some(worker) = workers.first_mut() {
             let env = self.env(program, p);
             for chunk in &self.chunks[p] {
-                let mut chunk = chunk.lock().unwrap_or_else(PoisonError::into_inner);
-                work(&env, worker, &mut chunk);
+                work(&env, worker, &mut lock(chunk));
             }
         }
-        self.workers = workers;
     }
 }
 
@@ -116,8 +116,11 @@ fn walk_reverse<R: Lane>(
     fill_constants(env, worker, |_| true);
     for lanes in blocks(chunk, env.stride) {
         for &id in &env.phase.nodes {
-            observer.around(id, Way::Reverse, &mut || {
-                replay_node(env, worker, lanes, id)
+            let op = &env.program.nodes[id].op;
+            let wanted = observer.wants_values() && !op.is_sink() && !is_constant(op);
+            observer.around(id, Way::Reverse, &mut || match wanted {
+                true => value(env, worker, lanes, id),
+                false => replay_node(env, worker, lanes, id),
             });
         }
         worker.written[..env.phase.locals.len()].fill(false);

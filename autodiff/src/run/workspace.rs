@@ -24,6 +24,11 @@ pub struct Workspace<S: Scalar> {
     bound_index: Vec<bool>,
     /// Whether whole values are those of the bound arrays.
     pub(super) fresh: bool,
+    /// Whether gradients, and tangents, have been computed.
+    pub(super) has_gradient: bool,
+    pub(super) has_tangent: bool,
+    /// Stands for an index array that is not there.
+    pub(super) no_index: Arc<[u32]>,
     names: Names,
     pub(super) sizes: Sizes,
     pub(super) curvature: Option<Box<Curvature<S>>>,
@@ -47,7 +52,7 @@ impl Program {
     /// A workspace with these sizes.
     ///
     /// # Errors
-    /// A domain or axis without a size, contradicting sizes, a linear map of the wrong shape.
+    /// A domain or axis without a size, contradicting sizes, an axis of no elements, a linear map of the wrong shape.
     pub fn workspace<S: Scalar>(&self, sizes: &Sizes) -> Result<Workspace<S>, RunError> {
         let extent = Extent::new(self, sizes)?;
         for (id, node) in self.nodes.iter().enumerate() {
@@ -70,6 +75,9 @@ impl Program {
             bound: self.used.iter().map(|used| !used).collect(),
             bound_index: self.used_indices.iter().map(|used| !used).collect(),
             fresh: false,
+            has_gradient: false,
+            has_tangent: false,
+            no_index: Arc::from([]),
             names: Names::new(self),
             sizes: sizes.clone(),
             curvature: None,
@@ -86,7 +94,7 @@ impl Names {
                 Op::Mask => Leaf::Mask,
                 _ => return None,
             };
-            let name = node.label.clone().unwrap_or_default();
+            let name = node.name.clone().unwrap_or_default();
             Some((name, id, kind, program.shape_text(node.shape)))
         });
         let indices = program.indices.iter().map(|index| {
@@ -149,7 +157,14 @@ impl<S: Scalar> Workspace<S> {
     /// # Errors
     /// As [`Workspace::set`]; an index out of range of its table.
     pub fn set_index(&mut self, name: &str, values: &[u32]) -> Result<(), RunError> {
-        self.bind_index(name, Arc::from(values))
+        let id = self.check_index(name, values)?;
+        // In place, if nobody else holds the array.
+        match Arc::get_mut(&mut self.state.indices[id]) {
+            Some(own) if own.len() == values.len() => own.copy_from_slice(values),
+            _ => self.state.indices[id] = Arc::from(values),
+        }
+        self.touch_index(id);
+        Ok(())
     }
 
     /// Binds a shared index array, without a copy.
@@ -157,6 +172,14 @@ impl<S: Scalar> Workspace<S> {
     /// # Errors
     /// As [`Workspace::set_index`].
     pub fn bind_index(&mut self, name: &str, values: Arc<[u32]>) -> Result<(), RunError> {
+        let id = self.check_index(name, &values)?;
+        self.state.indices[id] = values;
+        self.touch_index(id);
+        Ok(())
+    }
+
+    /// The position of an index array that may hold these values.
+    fn check_index(&self, name: &str, values: &[u32]) -> Result<usize, RunError> {
         let known = self.names.indices.iter().position(|index| index.0 == name);
         let Some(id) = known else {
             return Err(RunError::Unknown {
@@ -187,34 +210,42 @@ impl<S: Scalar> Workspace<S> {
                 lanes,
             });
         }
-        self.state.indices[id] = values;
-        self.bound_index[id] = true;
-        self.fresh = false;
-        Ok(())
+        Ok(id)
     }
 
-    /// The value of an output, after a forward pass.
+    /// The value of an output, `[channel][lane][axis]`, as of what is bound now.
     ///
     /// # Errors
-    /// An unknown name.
+    /// An unknown name; nothing has run since something was bound ([`Program::hvp`] computes no outputs).
     pub fn output(&self, name: &str) -> Result<&[S], RunError> {
-        Ok(self.state.values[self.output_id(name)?].as_slice())
+        let id = self.output_id(name)?;
+        match self.fresh {
+            true => Ok(self.state.values[id].as_slice()),
+            false => Err(not_computed("value", name, "`Program::forward`")),
+        }
     }
 
-    /// The tangent of an output, after [`Program::jvp`].
+    /// The tangent of an output, as long as the output, by the last [`Program::jvp`].
     ///
     /// # Errors
-    /// An unknown name.
+    /// An unknown name; no tangent has been computed before.
     pub fn tangent(&self, name: &str) -> Result<&[S], RunError> {
-        Ok(self.state.tangents[self.output_id(name)?].as_slice())
+        let id = self.output_id(name)?;
+        match self.has_tangent {
+            true => Ok(self.state.tangents[id].as_slice()),
+            false => Err(not_computed("tangent", name, "`Program::jvp`")),
+        }
     }
 
-    /// The gradient of a parameter, after [`Program::vjp`] or [`Program::gauss_newton`].
+    /// The gradient of a parameter, as long as the parameter, by the last [`Program::vjp`] or [`Program::gauss_newton`].
     ///
     /// # Errors
-    /// An unknown name.
+    /// An unknown name; no gradient has been computed before.
     pub fn gradient(&self, name: &str) -> Result<&[S], RunError> {
         let (id, _) = self.leaf(name, |kind| kind == Leaf::Param, "parameter")?;
+        if !self.has_gradient {
+            return Err(not_computed("gradient", name, "`Program::vjp`"));
+        }
         Ok(self.state.adjoints[id].as_slice())
     }
 
@@ -227,9 +258,10 @@ impl<S: Scalar> Workspace<S> {
         Ok(self.state.values[id].as_slice())
     }
 
-    /// Heap bytes held now, without what Hessian-vector products keep; shared arrays are not counted.
+    /// Heap bytes held now; index arrays and shared arrays are not counted.
     pub fn bytes(&self) -> usize {
-        self.state.bytes()
+        let curvature = self.curvature.as_ref();
+        self.state.bytes() + curvature.map_or(0, |curvature| curvature.bytes())
     }
 
     pub(super) fn output_id(&self, name: &str) -> Result<NodeId, RunError> {
@@ -318,11 +350,25 @@ impl<S: Scalar> Workspace<S> {
         self.fresh = false;
     }
 
+    fn touch_index(&mut self, id: usize) {
+        self.bound_index[id] = true;
+        self.fresh = false;
+    }
+
     /// The tangent array of a parameter, as long as the parameter.
     pub(super) fn tangent_of(&mut self, id: NodeId) -> &mut [S] {
         let len = self.lens(id);
         let buffer: &mut Buffer<S> = own(&mut self.state.tangents[id]);
         buffer.ensure(len);
         buffer.as_mut_slice()
+    }
+}
+
+/// The error of asking for what has not been computed.
+pub(super) fn not_computed(what: &'static str, name: &str, call: &'static str) -> RunError {
+    RunError::NotComputed {
+        what,
+        name: name.to_string(),
+        call,
     }
 }
