@@ -25,6 +25,9 @@ fn is_mismatch(error: &GraphError) -> bool {
     matches!(error, GraphError::ShapeMismatch { .. })
 }
 
+/// What is recorded, and what is to be said of it.
+type Case = (fn(&Graph), &'static str);
+
 #[test]
 fn operands_that_do_not_fit_are_named_with_the_operation_and_the_fix() {
     let two = |g: &Graph| -> (Var, Var) {
@@ -175,7 +178,7 @@ fn operands_that_cannot_be_used_are_named_with_the_fix() {
 
 #[test]
 fn a_name_is_used_once() {
-    let cases: [(fn(&Graph), &str); 5] = [
+    let cases: [Case; 5] = [
         (
             |g| {
                 g.domain("x");
@@ -437,7 +440,7 @@ fn what_is_bound_is_checked() {
 
     let mut ws = program.workspace::<f32>(&whole()).unwrap();
     let unbound = |ws: &mut autodiff::Workspace<f32>, words: [&str; 3]| {
-        let error = program.vjp(ws, "y").err().expect("an error");
+        let error = program.vjp(ws, "y").expect_err("an error");
         assert!(matches!(error, RunError::Unbound { .. }), "{error}");
         for word in words {
             assert!(error.to_string().contains(word), "{word}: {error}");

@@ -139,7 +139,7 @@ fn record_with(steps: &[Step], simplify: bool, detach: bool) -> Program {
                     0 => (true, p.sum_axis()),
                     _ => (false, s.sum_axis()),
                 };
-                if MATRIX % flat.channels() == 0 {
+                if MATRIX.is_multiple_of(flat.channels()) {
                     let out = MATRIX / flat.channels();
                     let bias = Var::stack(&vec![&scale; out]);
                     let bias = (kind % 2 == 0).then_some(&bias);
