@@ -204,11 +204,15 @@ pub fn run(
                 break;
             }
             if (first, round) == (0, 1)
-                && let Some(clear) = run.unoccluded(&shared, &stage, &observations)?
+                && let Some((clear, found)) = run.unoccluded(&shared, &stage, &observations)?
             {
+                // Its round is done: a short run has no time to do it again, and goes on from nothing where it has to.
                 problem.occluders = None;
-                from = Start::from(vec![0.0; clear.parameters()]);
-                (shared, round) = (clear, 0);
+                from = Start {
+                    damping: found.damping.max(ROUND_DAMPING),
+                    ..found
+                };
+                shared = clear;
             }
         }
         last = Some((observations, shared, from.z));

@@ -12,7 +12,8 @@ use super::{ReconstructError, Run};
 const OF_VALUES: f64 = 0.1;
 
 impl Run<'_> {
-    /// The model without occluders, if those of the round just ended explain no more than as many parameters would of anything.
+    /// The model without occluders, if those of the round just ended explain no more than as many parameters would of anything, and
+    /// where it has come to in such a round.
     ///
     /// By Akaike's criterion with overdispersion (Burnham & Anderson, Model Selection, 2002, 2.5): a parameter has to lower the
     /// cost by χ² per residual of what is explained without. Without a moving shadow light and albedo cannot be told apart;
@@ -22,7 +23,7 @@ impl Run<'_> {
         shared: &Shared,
         stage: &Stage,
         observations: &Observations,
-    ) -> Result<Option<Shared>, ReconstructError> {
+    ) -> Result<Option<(Shared, Start)>, ReconstructError> {
         let occluders = shared.ranges()[1].len();
         let Some(last) = self.curve.last().filter(|_| occluders > 0) else {
             return Ok(None);
@@ -31,14 +32,18 @@ impl Run<'_> {
         let clear = self.clear(shared, observations)?;
         let mut cost = f64::INFINITY;
         let start = Start::from(vec![0.0; clear.parameters()]);
-        fast::solve(&clear, stage, start, &mut |step| {
+        let found = fast::solve(&clear, stage, start, &mut |step| {
             cost = step.cost;
             !self.control.stopped()
         })?;
+        let found = Start {
+            damping: found.damping,
+            ..Start::from(found.z)
+        };
         let values = 3.0 * observations.views.len() as f64;
         let parameters = (occluders as f64).min(OF_VALUES * values);
         let chi2 = 2.0 * cost / values;
-        Ok((cost - last.loss < parameters * chi2.max(1.0)).then_some(clear))
+        Ok((cost - last.loss < parameters * chi2.max(1.0)).then_some((clear, found)))
     }
 
     /// The same model with nothing in the way of the light.
