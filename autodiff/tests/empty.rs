@@ -94,7 +94,7 @@ fn run<S: Scalar>(pixels: usize, each: usize, texels: usize, frames: usize) {
     }
     program.vjp(&mut ws, "loss").unwrap();
     assert!(ws.output("loss").unwrap()[0].is_finite());
-    assert_eq!(ws.output("result").unwrap().len(), pixels);
+    assert_eq!(ws.output("result").unwrap().len(), 3 * pixels);
     assert_eq!(ws.gradient("color").unwrap().len(), 3 * pixels);
     assert_eq!(ws.gradient("rows").unwrap().len(), texels * frames);
 }

@@ -66,7 +66,8 @@ fn a_wrong_slope_is_caught_whatever_the_size_of_the_output() {
         let (right, wrong) = (with(1.0), with(1.0001));
         assert!(right.passed(), "{offset}: {right}");
         assert!(!wrong.passed(), "{offset}: {wrong}");
-        // The gradient of a small share of a large output.
+        // The gradient of a small share of a large output, but for what differences of it cannot tell.
+        let offset = offset * 1e-3;
         let with = |factor| {
             check(|g, x| {
                 x.detach().square() * 0.0

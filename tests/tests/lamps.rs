@@ -246,7 +246,7 @@ fn no_frame_is_sealed_under_known_lamps() {
     fit.relink(&study).unwrap();
     fit.evaluate(&study).unwrap();
     assert!(!fit.is_shared());
-    let spots = locate::hot_spots(&study, &fit, 12);
+    let spots = locate::hot_spots(&study, &fit, &fit, 12);
     assert_eq!(spots.first().map(|spot| spot.frame), Some(3));
 }
 

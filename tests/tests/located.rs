@@ -172,7 +172,7 @@ fn a_patch_that_is_too_bright_is_a_hot_spot_whose_neighbours_agree() {
         &fit.value,
         |i| if of_bright[i] { 1.2 } else { 1.0 },
     );
-    let spots = locate::hot_spots(&study, &fit, 12);
+    let spots = locate::hot_spots(&study, &fit, &fit, 12);
     assert_eq!(spots[0].frame as u32, bright.0);
     assert!((spots[0].relative - 0.2).abs() < 0.02, "{:?}", spots[0]);
     let shared = spots[0].shared.unwrap();

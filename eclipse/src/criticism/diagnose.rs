@@ -203,8 +203,8 @@ pub fn diagnose<'a>(
     let structured_sealed = in_sealed(before)
         .zip(in_sealed(after))
         .filter(|_| all_shared);
-    let hot_spots = locate::hot_spots(&study, before, HOT_SPOTS);
-    let hot_spots_after = locate::hot_spots(&study, after, HOT_SPOTS);
+    let hot_spots = locate::hot_spots(&study, before, after, HOT_SPOTS);
+    let hot_spots_after = locate::hot_spots(&study, after, after, HOT_SPOTS);
     let axes = axes::axes(&study, before, after);
     let grounds = Grounds {
         found: &findings,

@@ -49,49 +49,33 @@ impl HotSpot {
 
 /// Parts of frames with significant mean residual (Benjamini and Hochberg at 1 %), largest first; of frames that were sealed only where
 /// no effect in `fit` has numbers of single frames, since theirs are not known.
-pub fn hot_spots(study: &Study<'_>, fit: &Fit, most: usize) -> Vec<HotSpot> {
-    let residual = fit.residual(study);
+///
+/// What counts as significant is told by `quiet`, the best model there is: a mismatch that is everywhere would hide itself.
+pub fn hot_spots(study: &Study<'_>, fit: &Fit, quiet: &Fit, most: usize) -> Vec<HotSpot> {
     let patches = study.seen.patches;
-    let scale = fit.inflation;
-    let all_known = fit.is_shared();
-    let known = |frame: u32| all_known || !study.frame_is_sealed(frame);
-    // Mean over the colours and the views of each (frame, patch).
-    let mut cells: Vec<(f64, f64, f64, Vec<usize>)> =
-        vec![(0.0, 0.0, 0.0, Vec::new()); patches * study.seen.frames];
-    for (v, view) in study.seen.views.iter().enumerate() {
-        if !study.has_known_albedo(v) || !known(view.frame) {
-            continue;
-        }
-        let patch = usize::from(study.seen.sites[view.site as usize].place.patch);
-        let cell = &mut cells[view.frame as usize * patches + patch];
-        for c in 0..3 {
-            let i = 3 * v + c;
-            let weight = 1.0 / (f64::from(study.variance[i]) * scale);
-            cell.0 += weight * f64::from(residual[i]);
-            cell.1 += weight;
-            cell.2 += weight * f64::from(fit.value[i]);
-        }
-        cell.3.push(v);
-    }
-    let z: Vec<f64> = cells
+    let scale = fit.inflation.min(quiet.inflation);
+    let residual = fit.residual(study);
+    let cells = cells(study, fit, &residual);
+    let z: Vec<f64> = cells.iter().map(|cell| cell.z(scale)).collect();
+    let quiet: Vec<f64> = self::cells(study, quiet, &quiet.residual(study))
         .iter()
-        .map(|cell| {
-            if cell.1 > 0.0 {
-                cell.0 / cell.1.sqrt()
-            } else {
-                0.0
-            }
-        })
+        .map(|cell| cell.z(scale))
         .collect();
     // The model's own error scatters the means of nulls too: their middle tells how much.
-    let mut sizes: Vec<f64> = z.iter().map(|z| z.abs()).filter(|z| *z > 0.0).collect();
-    let spread = (super::statistics::median(&mut sizes) / 0.6745).max(1.0);
-    let p: Vec<f64> = z
+    let spread = middle(&z).min(middle(&quiet)).max(1.0);
+    let seen: Vec<usize> = (0..cells.len())
+        .filter(|&k| cells[k].weight > 0.0)
+        .collect();
+    let p: Vec<f64> = seen
         .iter()
-        .map(|z| 2.0 * normal_tail(z.abs() / spread))
+        .map(|&k| 2.0 * normal_tail(z[k].abs() / spread))
         .collect();
     let found = discoveries(&p, 0.01);
-    let mut order: Vec<usize> = (0..z.len()).filter(|&k| found[k]).collect();
+    let mut order: Vec<usize> = seen
+        .iter()
+        .zip(found)
+        .filter_map(|(&k, found)| found.then_some(k))
+        .collect();
     order.sort_by(|&a, &b| z[b].abs().total_cmp(&z[a].abs()).then(a.cmp(&b)));
     order.truncate(most);
     let shares = shared_in_cells(study, &residual);
@@ -99,7 +83,7 @@ pub fn hot_spots(study: &Study<'_>, fit: &Fit, most: usize) -> Vec<HotSpot> {
         .into_iter()
         .map(|k| {
             let cell = &cells[k];
-            let places = cell.3.iter().map(|&v| study.seen.views[v].at);
+            let places = cell.views.iter().map(|&v| study.seen.views[v].at);
             let mut pixels = [f32::INFINITY, f32::INFINITY, 0.0, 0.0];
             for [x, y] in places {
                 pixels = [
@@ -110,7 +94,7 @@ pub fn hot_spots(study: &Study<'_>, fit: &Fit, most: usize) -> Vec<HotSpot> {
                 ];
             }
             let sum: glam::Vec3 = cell
-                .3
+                .views
                 .iter()
                 .map(|&v| {
                     study.seen.sites[study.seen.views[v].site as usize]
@@ -118,17 +102,66 @@ pub fn hot_spots(study: &Study<'_>, fit: &Fit, most: usize) -> Vec<HotSpot> {
                         .position
                 })
                 .sum();
-            let middle = sum / cell.3.len().max(1) as f32 + study.capture.centre;
+            let middle = sum / cell.views.len().max(1) as f32 + study.capture.centre;
             HotSpot {
                 frame: k / patches,
                 pixels,
                 surface_point: middle.to_array(),
                 sigma: z[k] / spread,
-                relative: cell.0 / cell.2.max(1e-12),
+                relative: cell.residual / cell.value.max(1e-12),
                 shared: shares[k],
             }
         })
         .collect()
+}
+
+/// A patch in a frame: weighted sums over the colours and the views of it.
+#[derive(Clone, Default)]
+struct Cell {
+    residual: f64,
+    weight: f64,
+    value: f64,
+    views: Vec<usize>,
+}
+
+impl Cell {
+    /// Its mean residual in standard errors, variances being larger by `scale`.
+    fn z(&self, scale: f64) -> f64 {
+        match self.weight > 0.0 {
+            true => self.residual / (self.weight * scale).sqrt(),
+            false => 0.0,
+        }
+    }
+}
+
+/// `[frame][patch]`.
+fn cells(study: &Study<'_>, fit: &Fit, residual: &[f32]) -> Vec<Cell> {
+    let patches = study.seen.patches;
+    let all_known = fit.is_shared();
+    let known = |frame: u32| all_known || !study.frame_is_sealed(frame);
+    let mut cells = vec![Cell::default(); patches * study.seen.frames];
+    for (v, view) in study.seen.views.iter().enumerate() {
+        if !study.has_known_albedo(v) || !known(view.frame) {
+            continue;
+        }
+        let patch = usize::from(study.seen.sites[view.site as usize].place.patch);
+        let cell = &mut cells[view.frame as usize * patches + patch];
+        for c in 0..3 {
+            let i = 3 * v + c;
+            let weight = 1.0 / f64::from(study.variance[i]);
+            cell.residual += weight * f64::from(residual[i]);
+            cell.weight += weight;
+            cell.value += weight * f64::from(fit.value[i]);
+        }
+        cell.views.push(v);
+    }
+    cells
+}
+
+/// The spread that the middle of these sizes tells of, were they normal; none of those that are nothing.
+fn middle(z: &[f64]) -> f64 {
+    let mut sizes: Vec<f64> = z.iter().map(|z| z.abs()).filter(|z| *z > 0.0).collect();
+    super::statistics::median(&mut sizes) / 0.6745
 }
 
 /// What neighbours of one patch share in each frame, `[frame][patch]`.
