@@ -200,10 +200,7 @@ pub fn run(
                 damping: damping.max(ROUND_DAMPING),
                 ..Start::from(z)
             };
-            if run.ended != Ended::Converged {
-                break;
-            }
-            if (first, round) == (0, 1)
+            if evidence::is_asked([first, round], run.ended)
                 && let Some((clear, found)) = run.unoccluded(&shared, &stage, &observations)?
             {
                 // Its round is done: a short run has no time to do it again, and goes on from nothing where it has to.
@@ -213,6 +210,9 @@ pub fn run(
                     ..found
                 };
                 shared = clear;
+            }
+            if run.ended != Ended::Converged {
+                break;
             }
         }
         last = Some((observations, shared, from.z));

@@ -7,9 +7,16 @@ use super::super::{
     shell::Shells,
 };
 use super::{ReconstructError, Run};
+use crate::reconstruction::Ended;
 
 /// The prior ties most parameters of an occluder to each other: they count for no more than this share of the values.
 const OF_VALUES: f64 = 0.1;
+
+/// Whether it is asked for after so many rounds of a stage: once, after the first of all, also where the stage had no time for the
+/// whole of it. A run that stops there will ask when it goes on.
+pub(super) fn is_asked([stage, rounds]: [usize; 2], ended: Ended) -> bool {
+    (stage, rounds) == (0, 1) && matches!(ended, Ended::Converged | Ended::TimeLimit)
+}
 
 impl Run<'_> {
     /// The model without occluders, if those of the round just ended explain no more than as many parameters would of anything, and
@@ -32,6 +39,11 @@ impl Run<'_> {
         let clear = self.clear(shared, observations)?;
         let mut cost = f64::INFINITY;
         let start = Start::from(vec![0.0; clear.parameters()]);
+        // As many steps as the other had.
+        let stage = &Stage {
+            steps: stage.steps.min(self.iteration() as usize),
+            ..*stage
+        };
         let found = fast::solve(&clear, stage, start, &mut |step| {
             cost = step.cost;
             !self.control.stopped()
@@ -54,5 +66,21 @@ impl Run<'_> {
     ) -> Result<Shared, ReconstructError> {
         let cameras = self.capture.frames.iter().map(|frame| &frame.camera);
         Ok(shared.unoccluded(observations, Shells::spheres(cameras))?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_question_is_asked_once_however_short_the_run() {
+        for ended in [Ended::Converged, Ended::TimeLimit] {
+            assert!(is_asked([0, 1], ended));
+            assert!(!is_asked([0, 2], ended) && !is_asked([1, 1], ended));
+        }
+        for ended in [Ended::Interrupted, Ended::Iterations] {
+            assert!(!is_asked([0, 1], ended));
+        }
     }
 }

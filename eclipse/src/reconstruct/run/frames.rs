@@ -29,17 +29,33 @@ impl Frames {
         masks: &[render::image::Image],
     ) -> Vec<String> {
         let black = self.black.iter().zip(frames).filter(|(black, _)| **black);
-        let mut notes: Vec<String> = black
-            .map(|(_, frame)| format!("frame {}: all black, left out of the fit", frame.name))
-            .collect();
-        for (mask, frame) in masks.iter().zip(frames) {
-            if mask.data.iter().all(|&share| share > 0.5) {
-                notes.push(format!(
-                    "frame {}: its mask ended empty, nothing blocks half of the light anywhere",
-                    frame.name
-                ));
-            }
-        }
-        notes
+        let black: Vec<&str> = black.map(|(_, frame)| &*frame.name).collect();
+        let empty = masks.iter().zip(frames);
+        let empty = empty.filter(|(mask, _)| mask.data.iter().all(|&share| share > 0.5));
+        let empty: Vec<&str> = empty.map(|(_, frame)| &*frame.name).collect();
+        let of = [
+            (black, "all black, left out of the fit"),
+            (
+                empty,
+                "what occludes ended empty, nothing blocks half of the light anywhere",
+            ),
+        ];
+        let said = of.into_iter().filter(|(names, _)| !names.is_empty());
+        said.map(|(names, what)| format!("{}: {what}", named(&names)))
+            .collect()
+    }
+}
+
+/// Frames by name, of many the first.
+fn named(names: &[&str]) -> String {
+    const MOST: usize = 4;
+    match names {
+        [one] => format!("frame {one}"),
+        few if few.len() <= MOST => format!("frames {}", few.join(", ")),
+        many => format!(
+            "frames {} and {} more",
+            many[..MOST].join(", "),
+            many.len() - MOST
+        ),
     }
 }
