@@ -518,8 +518,13 @@ proptest! {
                 ws.bytes()
             };
             let held = run();
-            let predicted = program.memory::<f32>(&data.sizes(256)).unwrap().total();
-            prop_assert!(held <= predicted, "{held} bytes held, {predicted} predicted");
+            let predicted = program.memory::<f32>(&data.sizes(256)).unwrap();
+            let total = predicted.total();
+            prop_assert!(held <= total, "{held} bytes held, {total} predicted");
+            let mut second = data.workspace::<f32>(&program, 256);
+            program.hvp(&mut second, "loss", &direction).unwrap();
+            let (held, total) = (second.bytes(), predicted.values + predicted.hessian);
+            prop_assert!(held <= total, "{held} bytes held for a Hessian product, {total} predicted");
             let steady = allocation_counter::measure(|| {
                 run();
             });

@@ -44,8 +44,7 @@ impl Program {
         let mut memory = self.predict::<S>(&extent, sizes);
         let dual = self.predict::<S::Dual>(&extent, sizes);
         let bytes = |shape: Shape| {
-            let lanes = extent.lanes[shape.domain];
-            Buffer::<S>::bytes_for(lanes.saturating_mul(shape.channels * extent.axis(shape.axis)))
+            Buffer::<S>::bytes_for(extent.column(shape).saturating_mul(shape.channels))
         };
         memory.hessian = dual.values + dual.adjoints;
         for node in &self.nodes {
@@ -60,11 +59,12 @@ impl Program {
             .iter()
             .filter(|node| matches!(node.op, Op::Map(_)));
         let room = maps.map(|node| {
-            let column = |shape: Shape| bytes(shape) / shape.channels;
-            let (input, output) = (self.nodes[node.inputs[0]].shape, node.shape);
-            2 * (column(input) + column(output))
+            let [input, output] = [self.nodes[node.inputs[0]].shape, node.shape];
+            let [input, output] = [input, output].map(|shape| extent.column(shape));
+            // What goes in, and the value and derivative of what comes out, there and back.
+            (input + 2 * output).max(output + 2 * input)
         });
-        memory.hessian += room.max().unwrap_or(0);
+        memory.hessian += Buffer::<S>::bytes_for(room.max().unwrap_or(0));
         Ok(memory)
     }
 
@@ -73,8 +73,7 @@ impl Program {
         let mut memory = Memory::default();
         let whole = |id: NodeId| {
             let shape = self.nodes[id].shape;
-            let lanes = extent.lanes[shape.domain];
-            bytes(lanes.saturating_mul(shape.channels * extent.axis(shape.axis)))
+            bytes(extent.column(shape).saturating_mul(shape.channels))
         };
         let mut table = vec![false; self.nodes.len()];
         let mut column = 0;
@@ -89,14 +88,12 @@ impl Program {
             }
             match node.op {
                 Op::Gather(_) | Op::GatherWeighted(_) => table[node.inputs[0]] = true,
-                Op::Map(_) => {
-                    let input = node.inputs[0];
-                    column = column.max(whole(input) / self.nodes[input].shape.channels);
-                }
+                // One channel of the operand at a time.
+                Op::Map(_) => column = column.max(extent.column(self.nodes[node.inputs[0]].shape)),
                 _ => {}
             }
         }
-        memory.adjoints += column;
+        memory.adjoints += bytes(column);
         for (id, _) in table.iter().enumerate().filter(|(_, is_table)| **is_table) {
             let shape = self.nodes[id].shape;
             if shape.channels > 1 {

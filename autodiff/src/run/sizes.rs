@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use crate::error::RunError;
+use crate::graph::Shape;
 use crate::program::Program;
 
 /// Sizes of the domains and axes of a program, and how to run it.
@@ -184,6 +185,11 @@ impl Extent {
     /// Length of the inner axis.
     pub fn axis(&self, axis: Option<usize>) -> usize {
         axis.map_or(1, |axis| self.axes[axis])
+    }
+
+    /// Elements of one channel.
+    pub fn column(&self, shape: Shape) -> usize {
+        self.lanes[shape.domain].saturating_mul(self.axis(shape.axis))
     }
 
     pub fn new(program: &Program, sizes: &Sizes) -> Result<Extent, RunError> {
