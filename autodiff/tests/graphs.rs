@@ -122,7 +122,8 @@ fn record_with(steps: &[Step], simplify: bool, detach: bool) -> Program {
             9 if compatible(p, q) => pixels.push(settle(p / (q.square() + 1.0))),
             10 => pixels.push(p.sum_axis().sum_channels().sigmoid() * &scale),
             11 => texels.push(settle(x.exp() * &scale + p.sum() * 0.01)),
-            12 => samples.push(Var::stack(&[s, &t.channel(0)]).normalize()),
+            // Never of length 0.
+            12 => samples.push(Var::stack(&[s, &settle(t.channel(0))]).normalize()),
             13 => samples.push(settle(s.segment_sum() * 0.1).expand(&sample)),
             // What is simplified.
             14 if compatible(s, t) => samples.push(settle(s.square() - t * s)),
