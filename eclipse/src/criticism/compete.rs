@@ -7,7 +7,7 @@ use super::{
 };
 
 /// A gain must be this many standard errors.
-const LEAST_SIGMA: f64 = 3.0;
+pub const LEAST_SIGMA: f64 = 3.0;
 /// A gain must be at least this share of the held-out error: smaller ones are within what a model's discretisation does.
 const LEAST_SHARE: f64 = 0.004;
 /// Corrected probability below which a gain is not chance.

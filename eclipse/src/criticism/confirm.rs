@@ -40,8 +40,8 @@ pub struct Step<'a> {
     pub refused: Vec<&'static str>,
 }
 
-/// Asks the sealed data: of every round the best refit and, where they refuse it, the next best at a stricter level. Later rounds
-/// began with the best, so that they are not looked at when it is refused.
+/// Asks the sealed data: of every round the best refit, be it a stand-in for what no table has, and, where they refuse it, the next
+/// best at a stricter level. Later rounds began with the best, so that they are not looked at when it is refused.
 ///
 /// # Errors
 /// A bug of the tape.
@@ -76,12 +76,17 @@ pub fn open<'a>(
         };
         if let Some((id, fit)) = &round.unknown {
             let (_, confirmed) = ask(id, fit, SEALED_LEVEL)?;
-            opened.unknown = confirmed.then_some(*id);
-            break;
+            if confirmed {
+                opened.unknown = Some(*id);
+                break;
+            }
         }
+        // Every question makes the next one stricter.
+        let asked = 1 + usize::from(round.unknown.is_some());
         let (mut stood, mut refused) = (None, Vec::new());
         for (rank, (choice, fit)) in round.standing.iter().enumerate() {
-            let (gain, confirmed) = ask(choice.score.id, fit, SEALED_LEVEL / (rank + 1) as f64)?;
+            let level = SEALED_LEVEL / (rank + asked) as f64;
+            let (gain, confirmed) = ask(choice.score.id, fit, level)?;
             if confirmed {
                 stood = Some(rank);
                 opened.path.push(Step {
@@ -95,7 +100,7 @@ pub fn open<'a>(
             refused.push(choice.score.id);
             opened.refused |= gain.gain > 0.0;
         }
-        if stood != Some(0) {
+        if stood != Some(0) || round.unknown.is_some() {
             break;
         }
     }

@@ -163,9 +163,10 @@ pub fn diagnose<'a>(
             evidence,
             sealed: None,
         }));
-        let any = !round.standing.is_empty();
+        // Nothing is looked for beside what no name is known for.
+        let named = round.unknown.is_none() && !round.standing.is_empty();
         rounds.push(round);
-        if !any {
+        if !named {
             break;
         }
     }

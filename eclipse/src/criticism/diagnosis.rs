@@ -45,7 +45,7 @@ pub struct Finding {
     pub size: f64,
     /// Its standard error by those of the numbers, taken as independent.
     pub size_se: f64,
-    /// Relative size that would have been found.
+    /// Relative size that would have been found: its gain on held-out patches is expected to be three standard errors.
     pub minimum_detectable: f64,
     /// Effects that explain the data as well.
     pub ambiguous_with: Vec<&'static str>,
@@ -92,7 +92,7 @@ pub struct Ranked {
     pub size_se: f64,
     /// Share of its signal that survives.
     pub survival: f64,
-    /// Size that would be found.
+    /// Size that would be found, as in [`Finding::minimum_detectable`].
     pub minimum_detectable: f64,
     /// Whether it is capacity rather than physics.
     pub capacity: bool,

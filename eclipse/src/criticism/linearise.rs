@@ -57,6 +57,8 @@ impl Jacobian {
     /// A bug of the tape.
     pub fn new(study: &Study<'_>, fit: &Fit) -> Result<Self, FitError> {
         let precision = fit.precision(study, &|i| study.develops(i));
+        // Light's and texture's prior is taken around this fit rather than around zero: what its pull left in the residual is theirs to
+        // take before an effect is asked (a step of iterated Tikhonov regularisation), or it would pass for physics.
         let mut residual = fit.residual_of_mean(study);
         precision.whiten(&mut residual);
         let nuisance = Arc::new(Nuisance::new(study, fit, &precision)?);

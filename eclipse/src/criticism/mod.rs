@@ -8,6 +8,7 @@ pub mod compete;
 pub mod confined;
 pub mod confirm;
 pub mod dark;
+pub mod detectable;
 pub mod diagnose;
 pub mod diagnosis;
 pub mod effects;

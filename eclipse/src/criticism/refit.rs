@@ -28,7 +28,8 @@ pub struct Round {
     pub null: Fit,
     /// Physics whose evidence speaks for it, best first, with its model; none where more freedom does better.
     pub standing: Vec<(Choice, Fit)>,
-    /// A stand-in for physics outside the table that does far better than any within, with its model.
+    /// A stand-in for physics outside the table that does far better than any within, with its model: it comes before those, which
+    /// are asked only where sealed data refuse it.
     pub unknown: Option<(&'static str, Fit)>,
     /// Every refit's effect and evidence, best first; stand-ins that do not far better than physics come after it.
     ///
@@ -102,7 +103,6 @@ pub fn round(
         if known.stands_for_unknown() {
             if own > FAR_BETTER * physics {
                 unknown = Some((known.id(), fit));
-                break;
             }
             continue;
         }

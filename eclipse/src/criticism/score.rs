@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use super::{
     bounded::bounded,
+    detectable::Own,
     effects::Term,
     gram::Matrix,
     linearise::{Candidate, Jacobian},
@@ -42,7 +43,7 @@ pub struct Score {
     pub size: f64,
     /// Change of the size by each of the numbers.
     pub size_slopes: Vec<f64>,
-    /// The size that would be found (three standard errors).
+    /// The size that would be found: its gain is expected to be three of its standard errors.
     pub minimum_detectable: f64,
     /// Names of the numbers.
     pub names: Vec<String>,
@@ -159,14 +160,10 @@ pub fn screen(study: &Study<'_>, jacobian: &Jacobian, candidates: &[Candidate]) 
     let mut scores: Vec<Score> = (0..count)
         .filter(|&k| !candidates[k].terms.is_empty())
         .map(|k| {
-            let (beta, error) = solve(&reduced, &layout, Some(k), jacobian, candidates);
-            score(
-                &candidates[k],
-                &gains[k],
-                &beta[layout.always..],
-                &error,
-                survival(&colours, &reduced, &layout, k, &beta[layout.always..]),
-            )
+            let (mut beta, system) = solve(&reduced, &layout, Some(k), jacobian, candidates);
+            let own = Own::new(&system, beta.split_off(layout.always));
+            let survival = survival(&colours, &reduced, &layout, k, &own.beta);
+            score(&candidates[k], &gains[k], &own, survival)
         })
         .collect();
     scores.sort_by(|a, b| b.gain.total_cmp(&a.gain).then(a.id.cmp(b.id)));
@@ -218,14 +215,14 @@ impl Colour {
     }
 }
 
-/// Coefficients of the constant columns and of candidate `k` together, and the standard errors of the latter.
+/// Coefficients of the constant columns and of candidate `k` together, and the system that they solve.
 fn solve(
     reduced: &[Reduced],
     layout: &Layout,
     k: Option<usize>,
     jacobian: &Jacobian,
     candidates: &[Candidate],
-) -> (Vec<f64>, Vec<f64>) {
+) -> (Vec<f64>, System) {
     let n = layout.nuisance;
     let mut columns: Vec<usize> = (0..layout.always).collect();
     let mut bounds = jacobian.always_bounds.clone();
@@ -243,7 +240,7 @@ fn solve(
         system.add(part, layout, &columns);
     }
     let beta = bounded(&system.a, &system.b, &bounds);
-    (beta, system.errors().split_off(layout.always))
+    (beta, system)
 }
 
 /// ‖X̃β‖² / ‖Xβ‖².
@@ -270,12 +267,16 @@ fn survival(
 fn score(
     candidate: &Candidate,
     blocks: &[f64],
-    beta: &[f64],
-    error: &[f64],
+    own: &Own,
     survival: f64,
 ) -> Score {
+    let (beta, error) = (&own.beta, &own.error);
     let used: Vec<f64> = blocks.iter().copied().filter(|b| *b != 0.0).collect();
-    let (gain, gain_se) = paired(&used);
+    // Numbers that stay at their bound change nothing, for sure.
+    let (gain, gain_se) = match used.is_empty() {
+        true => (0.0, 0.0),
+        false => paired(&used),
+    };
     let views = candidate.unit_size.first().map_or(0, Vec::len);
     let changes = |beta: &[f64]| -> Vec<f64> {
         let change = |v: usize| -> f64 {
@@ -295,13 +296,6 @@ fn score(
             .map(|(b, t): (&f64, &Term)| b * t.scale)
             .collect()
     };
-    // The size at three times the error along the direction found, from signal to noise of the whole effect.
-    let strength: f64 = beta
-        .iter()
-        .zip(error)
-        .map(|(b, e)| (b / e.max(1e-12)).powi(2))
-        .sum::<f64>()
-        .sqrt();
     let size = rms(beta);
     let whole = changes(beta);
     let slope = |(unit, term): (&Vec<f32>, &Term)| {
@@ -310,17 +304,6 @@ fn score(
     };
     let units = candidate.unit_size.iter().zip(&candidate.terms);
     let size_slopes = units.map(slope).collect();
-    let minimum_detectable = if strength > 0.0 {
-        3.0 * size / strength
-    } else {
-        // Nothing was found: what one term at three errors would do to the image.
-        let single = |k: usize| {
-            let mut one = vec![0.0; beta.len()];
-            one[k] = 3.0 * error[k];
-            rms(&one)
-        };
-        (0..beta.len()).map(single).fold(f64::INFINITY, f64::min)
-    };
     Score {
         id: candidate.effect.id(),
         gain,
@@ -332,7 +315,7 @@ fn score(
         survival,
         size,
         size_slopes,
-        minimum_detectable,
+        minimum_detectable: own.minimum_detectable(rms),
         names: candidate.terms.iter().map(|t| t.name.clone()).collect(),
         frames: candidate.terms.iter().map(|t| t.frame).collect(),
     }
