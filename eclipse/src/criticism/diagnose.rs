@@ -3,7 +3,7 @@
 use std::{collections::BTreeMap, time::Instant};
 
 use super::{
-    axes, certainty, compete, confirm,
+    axes, baselines, certainty, compete, confirm,
     diagnosis::{Diagnosis, Finding, Refitted, Sealed, Verdict},
     effects::{self, Effect},
     fit::{Fit, FitError},
@@ -105,7 +105,7 @@ pub fn diagnose<'a>(
     let mut rounds: Vec<Round> = Vec::new();
     let mut ranking = Vec::new();
     let mut refits: Vec<Refitted> = Vec::new();
-    let mut baselines = BTreeMap::new();
+    let mut behind = BTreeMap::new();
     let mut longest = 0.0f64;
     loop {
         let fit = last_of(&rounds).unwrap_or(&first);
@@ -136,7 +136,7 @@ pub fn diagnose<'a>(
             ranking = ranked(&result);
         } else {
             let inside: Vec<&str> = fit.active.iter().map(|a| a.effect.id()).collect();
-            baselines.insert(format!("with {}", inside.join(", ")), ranked(&result));
+            behind.insert(format!("with {}", inside.join(", ")), ranked(&result));
         }
         // A round that could not end in time is not begun.
         let until = began.elapsed().as_secs_f64() + longest;
@@ -163,6 +163,12 @@ pub fn diagnose<'a>(
             evidence,
             sealed: None,
         }));
+        if rounds.is_empty() && light == Light::Environment {
+            let screened = Instant::now();
+            behind = baselines::screened(&study, &round.null, &result, &candidates, &tell)?;
+            let taken = screened.elapsed().as_secs_f64();
+            seconds.insert("baselines".to_owned(), taken);
+        }
         // Nothing is looked for beside what no name is known for.
         let named = round.unknown.is_none() && !round.standing.is_empty();
         rounds.push(round);
@@ -245,7 +251,7 @@ pub fn diagnose<'a>(
         hot_spots_after,
         sentence: String::new(),
         refits,
-        baselines,
+        baselines: behind,
         moved,
         command: None,
         assumptions: assumptions(capture, light, &study),

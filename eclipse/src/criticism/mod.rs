@@ -1,6 +1,7 @@
 //! Model criticism: where a simulation and its recording differ, what physics was left out, and the proof.
 
 pub mod axes;
+pub mod baselines;
 pub mod bounded;
 pub mod certainty;
 pub mod chain;

@@ -95,7 +95,7 @@ fn html(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, PageErro
     Ok(format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\n\
          <title>Diagnosis of {title}</title>\n<style>{style}</style></head><body>\n<h1>{title}: {verdict}</h1>\n\
-         <p class=\"sentence\">{sentence}</p>\n{unnamed}{exponent}{found}{separate}{film}{pictures}{spots}{ranking}{refits}{axes}{assumed}{others}\
+         <p class=\"sentence\">{sentence}</p>\n{unnamed}{exponent}{found}{separate}{film}{pictures}{spots}{ranking}{refits}{behind}{axes}{assumed}{others}\
          <footer>Written by eclipse {version}. Gains are reductions of squared error in units of the noise's variance. Sealed data: \
          {sealed}, seen by no fit.</footer></body></html>\n",
         title = escaped(&name),
@@ -110,6 +110,7 @@ fn html(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, PageErro
         spots = spots::section(outcome, &how)?,
         ranking = tables::ranking(d),
         refits = tables::refits(d),
+        behind = tables::behind_occluders(d),
         axes = axes(d),
         assumed = assumed(d),
         others = others(d),

@@ -264,12 +264,7 @@ fn survival(
     if all > 0.0 { kept / all } else { 0.0 }
 }
 
-fn score(
-    candidate: &Candidate,
-    blocks: &[f64],
-    own: &Own,
-    survival: f64,
-) -> Score {
+fn score(candidate: &Candidate, blocks: &[f64], own: &Own, survival: f64) -> Score {
     let (beta, error) = (&own.beta, &own.error);
     let used: Vec<f64> = blocks.iter().copied().filter(|b| *b != 0.0).collect();
     // Numbers that stay at their bound change nothing, for sure.

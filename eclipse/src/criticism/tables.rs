@@ -1,6 +1,7 @@
-//! Tables of the page: what was added to the model, all effects, and refits.
+//! Tables of the page: what was added to the model, all effects, refits, and what occluders swallow.
 
 use super::{
+    baselines,
     diagnosis::{Diagnosis, Finding, Judged, Ranked},
     effects,
     page::escaped,
@@ -150,10 +151,75 @@ pub fn refits(d: &Diagnosis) -> String {
     )
 }
 
+/// Effects that stand up in the first screening, and what they gain behind occluders.
+pub fn behind_occluders(d: &Diagnosis) -> String {
+    let behind = [baselines::SPARSE, baselines::FULL].map(|name| d.baselines.get(name));
+    let [Some(sparse), Some(full)] = behind else {
+        return String::new();
+    };
+    let sure = |r: &Ranked| r.gain > SURE * r.gain_se;
+    let cell = |r: Option<&Ranked>| match r {
+        None => "<td>–</td><td>–</td>".to_owned(),
+        Some(r) => format!(
+            "<td>{:.0} ± {:.0}</td><td>{:.2}</td>",
+            r.gain, r.gain_se, r.survival
+        ),
+    };
+    let rows: String = d
+        .ranking
+        .iter()
+        .filter(|r| !r.capacity && sure(r))
+        .map(|r| {
+            let own = [sparse, full].map(|all| all.iter().find(|other| other.id == r.id));
+            let [sparse, full] = own;
+            let told = match own.map(|own| own.is_some_and(sure)) {
+                _ if sparse.is_none() => "is the occluder itself",
+                [true, true] => "no occluder does it",
+                [true, false] => "only light taken away anywhere, anew in every frame, does it",
+                [false, _] => "somebody who moves with the camera does it too",
+            };
+            let cells = [Some(r), sparse, full].map(cell).concat();
+            format!("<tr><td>{}</td>{cells}<td>{told}</td></tr>", r.id)
+        })
+        .collect();
+    format!(
+        "<h2>Behind occluders</h2><p>What effects gain on held-out patches, and the share of their signal that survives, where the model has \
+         no occluders, somebody who moves with the camera, and besides light taken away from any part of the sky in any frame: such \
+         freedom swallows much, so that an effect that vanishes there is not refuted.</p><table><tr><th>effect</th>\
+         <th colspan=\"2\">without</th><th colspan=\"2\">sparse</th><th colspan=\"2\">full</th><th></th></tr>{rows}</table>"
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::{Verdict, diagnosis::Refitted};
     use super::*;
+
+    #[test]
+    fn what_occluders_swallow_is_told() {
+        let mut d = Diagnosis::example(Verdict::Explained, Vec::new());
+        assert_eq!(behind_occluders(&d), "");
+        let of = |id, gain| Ranked {
+            gain,
+            ..Ranked::example(id)
+        };
+        let all = ["exposure_drift", "vignetting", "moving_occluder"];
+        d.ranking = all.map(|id| of(id, 100.0)).into();
+        let behind = |gains: [f64; 2]| {
+            let of = |(id, gain)| of(id, gain);
+            all.into_iter().zip(gains).map(of).collect::<Vec<_>>()
+        };
+        d.baselines = [
+            (baselines::SPARSE.to_owned(), behind([100.0, 1.0])),
+            (baselines::FULL.to_owned(), behind([2.0, 1.0])),
+        ]
+        .into();
+        let page = behind_occluders(&d);
+        let row = |id: &str| page.split("<tr>").find(|row| row.contains(id)).unwrap();
+        assert!(row("exposure_drift").contains("only light taken away"));
+        assert!(row("vignetting").contains("does it too"));
+        assert!(row("moving_occluder").contains("itself"));
+    }
 
     #[test]
     fn what_became_of_every_effect_is_told() {
