@@ -127,6 +127,7 @@ pub struct Judged {
 }
 
 /// Errors on sealed data before and after: sealed frames are among it where no effect in the model has numbers of single frames.
+/// Outliers of either model (over three standard deviations of its residuals) are trusted less in both, by Huber's rule.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Sealed {
     /// χ² a value before.

@@ -213,11 +213,16 @@ impl Fit {
         })
     }
 
-    /// The same by the sensor's noise alone: no outliers, no error of the model's own.
-    pub fn plain_precision(&self, study: &Study<'_>, counted: &dyn Fn(usize) -> bool) -> Precision {
+    /// The same by the sensor's noise, no error of the model's own.
+    pub fn sensor_precision_beside(
+        &self,
+        study: &Study<'_>,
+        other: &Self,
+        counted: &dyn Fn(usize) -> bool,
+    ) -> Precision {
         self.weighed(study, |i| {
             if counted(i / 3) {
-                1.0 / study.variance[i]
+                self.trust[i].min(other.trust[i]) / study.variance[i]
             } else {
                 0.0
             }

@@ -15,10 +15,11 @@ use super::{
 /// Bumps of the texture that change no value of a sealed patch by this much (of an albedo of one) are left out.
 const REACHES: f32 = 1e-4;
 
-/// Whose noise errors are measured by.
+/// Whose noise errors are measured by; outliers of either model are trusted less by both, or a few pixels at the edge of a highlight
+/// would outweigh all others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Noise {
-    /// As wide as the judge's own residuals, outliers of either model trusted less: for comparisons.
+    /// As wide as the judge's own residuals: for comparisons.
     Estimated,
     /// The sensor's alone: for χ².
     Sensor,
@@ -70,7 +71,7 @@ impl Judge {
             let counted = |i: usize| study.role[i] == role;
             match noise {
                 Noise::Estimated => fit.precision_beside(study, [fit, other], &counted),
-                Noise::Sensor => fit.plain_precision(study, &counted),
+                Noise::Sensor => fit.sensor_precision_beside(study, other, &counted),
             }
         };
         let patches = precision(Role::SealedPatch);
