@@ -4,11 +4,12 @@
 use std::collections::BTreeMap;
 
 use super::{
-    diagnose::{DiagnoseError, screen_at},
+    compete::LEAST_SIGMA,
     diagnosis::Ranked,
     effects::{self, Effect},
-    fit::Fit,
-    score::Screen,
+    fit::{Fit, FitError},
+    linearise::{Candidate, Jacobian},
+    score::{Screen, screen},
     study::Study,
     told::ranked,
 };
@@ -20,32 +21,51 @@ pub const FULL: &str = "with full occluders";
 /// Both, with what each adds to the one before.
 const BASELINES: [(&str, &str); 2] = [(SPARSE, "moving_occluder"), (FULL, "finer_occluders")];
 
-/// Steps that bring a baseline near its best.
-const STEPS: usize = 8;
-
-/// Screens `candidates` at `null` behind occluders, sparse and full, which begin as `first`, the screening without, has them.
+/// Scores all `effects` at a fit, and those that gain for sure once more behind occluders, sparse and full.
+///
+/// Occluders are nuisance there as light and texture are: their opacity, in which photographs are linear, is free between none and
+/// all, and projected out.
 ///
 /// # Errors
-/// A bug of the tape, or whatever `report` answers.
+/// A bug of the tape.
 pub fn screened(
     study: &Study<'_>,
-    null: &Fit,
-    first: &Screen,
-    candidates: &[&'static dyn Effect],
-    report: &dyn Fn(&str) -> Result<(), DiagnoseError>,
-) -> Result<BTreeMap<String, Vec<Ranked>>, DiagnoseError> {
-    let mut fit = null.duplicate(study)?;
-    let mut all = BTreeMap::new();
+    fit: &Fit,
+    effects: &[&'static dyn Effect],
+) -> Result<(Screen, BTreeMap<String, Vec<Ranked>>), FitError> {
+    let jacobian = Jacobian::new(study, fit)?;
+    let all = effects.iter().copied();
+    let candidates: Vec<Candidate> = all
+        .map(|effect| jacobian.candidate(study, fit, effect))
+        .collect::<Result<_, _>>()?;
+    let first = screen(study, &jacobian, &candidates);
+    let stands = |id: &str| {
+        let own = first.scores.iter().find(|score| score.id == id);
+        own.is_some_and(|score| score.gain > LEAST_SIGMA * score.gain_se)
+    };
+    let is_occluder = |id: &str| BASELINES.iter().any(|(_, occluder)| *occluder == id);
+    let (occluders, mut others): (Vec<_>, Vec<_>) = candidates
+        .into_iter()
+        .partition(|candidate| is_occluder(candidate.effect.id()));
+    others.retain(|other| !other.effect.is_capacity() && stands(other.effect.id()));
+    let mut behind = BTreeMap::new();
+    let mut jacobian = jacobian;
     for (name, id) in BASELINES {
-        let effect = effects::by_id(id).ok_or_else(|| DiagnoseError::Unknown(id.to_owned()))?;
-        report(&format!("screening effects {name}"))?;
-        let estimate = first.scores.iter().find(|score| score.id == id);
-        fit.add(effect, estimate.map_or(Vec::new(), |s| s.beta.clone()));
-        fit.relink(study)?;
-        fit.refine(study, STEPS)?;
-        let inside = |id: &str| fit.active.iter().any(|a| a.effect.id() == id);
-        let outside = candidates.iter().copied().filter(|e| !inside(e.id()));
-        all.insert(name.to_owned(), ranked(&screen_at(study, &fit, outside)?));
+        if others.is_empty() {
+            break;
+        }
+        match occluders.iter().find(|own| own.effect.id() == id) {
+            Some(occluder) => jacobian.take_for_granted(occluder),
+            // The caller did not ask for it as an effect.
+            None => match effects::by_id(id) {
+                Some(effect) => {
+                    let occluder = jacobian.candidate(study, fit, effect)?;
+                    jacobian.take_for_granted(&occluder);
+                }
+                None => break,
+            },
+        }
+        behind.insert(name.to_owned(), ranked(&screen(study, &jacobian, &others)));
     }
-    Ok(all)
+    Ok((first, behind))
 }

@@ -111,11 +111,17 @@ pub fn diagnose<'a>(
         let fit = last_of(&rounds).unwrap_or(&first);
         report("screening effects")?;
         let screened = Instant::now();
-        let screened_effects = candidates
-            .iter()
-            .copied()
-            .filter(|e| !fit.active.iter().any(|a| a.effect.id() == e.id()));
-        let result = screen_at(&study, fit, screened_effects)?;
+        let free = candidates.iter().copied();
+        let free: Vec<_> = free
+            .filter(|e| !fit.active.iter().any(|a| a.effect.id() == e.id()))
+            .collect();
+        let result = if rounds.is_empty() && light == Light::Environment {
+            let (result, of_occluders) = baselines::screened(&study, fit, &free)?;
+            behind = of_occluders;
+            result
+        } else {
+            screen_at(&study, fit, free.into_iter())?
+        };
         seconds.insert(
             format!("screen {}", rounds.len() + 1),
             screened.elapsed().as_secs_f64(),
@@ -163,12 +169,6 @@ pub fn diagnose<'a>(
             evidence,
             sealed: None,
         }));
-        if rounds.is_empty() && light == Light::Environment {
-            let screened = Instant::now();
-            behind = baselines::screened(&study, &round.null, &result, &candidates, &tell)?;
-            let taken = screened.elapsed().as_secs_f64();
-            seconds.insert("baselines".to_owned(), taken);
-        }
         // Nothing is looked for beside what no name is known for.
         let named = round.unknown.is_none() && !round.standing.is_empty();
         rounds.push(round);

@@ -91,6 +91,14 @@ impl Jacobian {
         })
     }
 
+    /// Counts an effect's numbers among what is free, within their bounds, as light and texture are.
+    pub fn take_for_granted(&mut self, candidate: &Candidate) {
+        self.always.extend(candidate.columns.iter().cloned());
+        let terms = candidate.terms.iter();
+        let bounds = terms.map(|t| [t.least, t.most].map(|bound| bound / t.scale));
+        self.always_bounds.extend(bounds);
+    }
+
     /// The columns of an effect that is not in the model yet.
     ///
     /// # Errors
