@@ -11,7 +11,7 @@ use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
     evidence::{Axis, Chart, Content, Figure, Series, listed, seeds},
-    small::{BATCH, Setup, iterations, misfit, solve, solve_by_rays, steps},
+    small::{BATCH, Setup, iterations, limit, misfit, solve, solve_by_rays, steps},
 };
 use crate::report::text::number;
 
@@ -207,6 +207,8 @@ struct Curve {
     errors: Vec<Vec<[f64; 2]>>,
     /// Mean misfit of the solves with somebody in the light, where the paper's algorithm made them.
     misfit: Option<f64>,
+    /// What can be resolved at best, with somebody in the light and with nobody, where somebody is no help to the fast preset.
+    limits: Vec<(f64, [f64; 2])>,
 }
 
 impl Curve {
@@ -221,12 +223,20 @@ impl Curve {
             let pairs = seeds.iter().map(|pair| pair.map(|outcome| outcome.error));
             pairs.collect()
         });
-        Ok(Self {
+        let mut curve = Self {
             errors: errors.collect(),
             misfit: (!misfits.is_empty())
                 .then(|| misfits.iter().sum::<f64>() / misfits.len() as f64),
             sweep,
-        })
+            limits: Vec::new(),
+        };
+        let helpless = curve.helpless();
+        let fast = |(value, case): &&(f64, Case)| case.rays.is_none() && helpless.contains(value);
+        let asked = curve.sweep.points.iter().filter(fast);
+        curve.limits = bench.each(asked, |(value, case)| {
+            Ok((*value, limit(bench, &case.setup)?))
+        })?;
+        Ok(curve)
     }
 
     /// Means over seeds.
@@ -246,10 +256,20 @@ impl Curve {
             .collect()
     }
 
-    /// What was measured that explains no help, of the paper's algorithm.
+    /// What was measured that explains no help.
     fn why(&self) -> String {
         match self.misfit {
-            None => String::new(),
+            None if self.limits.is_empty() => String::new(),
+            None => {
+                let of = |which: usize| -> Vec<f64> {
+                    self.limits.iter().map(|(_, limit)| limit[which]).collect()
+                };
+                format!(
+                    "; the best linear estimate leaves {} of light's variation there with somebody at a known place, {} with nobody",
+                    listed(&of(0)),
+                    listed(&of(1))
+                )
+            }
             Some(misfit) if misfit > CUT_SHORT => format!(
                 "; solves ended with {} times the variance of the noise left, so that their iterations were too few",
                 number(misfit)
@@ -411,6 +431,7 @@ mod tests {
             },
             errors: errors.iter().map(|(_, seeds)| seeds.to_vec()).collect(),
             misfit: None,
+            limits: Vec::new(),
         }
     }
 
@@ -446,6 +467,22 @@ mod tests {
         );
         let unknown = with(0.6, 1.2).sentence();
         assert!(unknown.contains("the cause was not found"), "{unknown}");
+    }
+
+    #[test]
+    fn where_somebody_is_no_help_the_limit_tells_why() {
+        let limited = Curve {
+            limits: vec![(5.0, [0.9, 1.0])],
+            ..curve(LAMPS, &[(5.0, [[0.6, 0.5]; 2]), (12.0, [[0.3, 0.5]; 2])])
+        };
+        let told = limited.sentence();
+        assert!(
+            told.contains(
+                "leaves 0.9 of light's variation there with somebody at a known place, 1 with"
+            ),
+            "{told}"
+        );
+        assert!(in_short(&[limited], &[]).contains("leaves 0.9"));
     }
 
     #[test]
