@@ -4,6 +4,7 @@ mod capture_collections;
 mod capture_disagreement;
 mod capture_errors;
 mod capture_formats;
+mod capture_frames;
 mod capture_images;
 mod capture_load;
 mod capture_meshes;
