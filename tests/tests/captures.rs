@@ -1,6 +1,7 @@
 //! Captures: read in every format, checked, refused with reasons, inspected.
 
 mod capture_collections;
+mod capture_colmap;
 mod capture_disagreement;
 mod capture_errors;
 mod capture_formats;
