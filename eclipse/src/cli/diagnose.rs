@@ -60,7 +60,7 @@ pub(super) struct DiagnoseArguments {
     /// Folder for the results [default: out/<name of the capture>-diagnosis].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Time (a bare number is seconds) after which no further effect is looked for, the reconstruction included; an occluder's outline may take an eighth more.
+    /// Time (a bare number is seconds) after which no further effect is looked for, the reconstruction included. Effects are compared once however long that takes (a minute or two on two cores), which is told where it goes beyond; an occluder's outline may take an eighth more.
     #[arg(long, value_name = "TIME", allow_hyphen_values = true, value_parser = units::duration, default_value = "8m")]
     pub time_limit: f64,
     /// Effects to try, separated by commas [default: all].
