@@ -19,7 +19,7 @@ use render::{bvh::Bvh, camera::Camera, environment::EnvironmentMap, mesh::MeshEr
 use crate::{
     capture::CaptureError,
     files::lock::LockError,
-    image_io::{EnvironmentIoError, ImageIoError},
+    image_io::{Clamped, EnvironmentIoError, ImageIoError},
     mesh_io::MeshIoError,
 };
 
@@ -111,7 +111,8 @@ pub fn pose_rows(camera: &Camera, centre: Vec3) -> [[f32; 4]; 4] {
 
 /// Renders every view and writes it to `folder` when it is done; under the stage's light, or its own of `lights`.
 ///
-/// `progress` hears of the share of the work done, and says whether to go on. Results do not depend on the number of threads.
+/// `progress` hears of the share of the work done, and says whether to go on. Results do not depend on the number of threads. Returned
+/// is what was changed of maps to make light of them, once for each.
 ///
 /// # Errors
 /// A light that cannot be read, a folder that cannot be written, or [`RelightError::Stopped`]; pictures finished before are kept.
@@ -122,17 +123,20 @@ pub fn relight(
     quality: &Quality,
     folder: &Folder,
     progress: &(dyn Fn(usize, f32) -> bool + Sync),
-) -> Result<(), RelightError> {
+) -> Result<Vec<Clamped>, RelightError> {
+    let mut clamped: Vec<Clamped> = Vec::new();
     for (index, view) in views.iter().enumerate() {
         if let Some(lights) = lights {
-            stage.set_light(&lights.read(index, &view.camera)?)?;
+            let (light, changed) = lights.read(index, &view.camera)?;
+            clamped.extend(changed.filter(|changed| !clamped.contains(changed)));
+            stage.set_light(&light)?;
         }
         let picture = picture(stage, &view.camera, index as u32, quality, &|share| {
             progress(index, share)
         });
         folder.picture(&view.name, &picture.ok_or(RelightError::Stopped)?)?;
     }
-    Ok(())
+    Ok(clamped)
 }
 
 /// Why an object could not be relit.

@@ -135,6 +135,9 @@ pub struct Reading {
     pub up: Option<String>,
     /// Longest side of photographs, in pixels.
     pub max_size: Option<u32>,
+    /// Where the photographs of a COLMAP model lie, in place of its own `images`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub images: Option<PathBuf>,
 }
 
 /// Which algorithm solves for light, materials and occluders.

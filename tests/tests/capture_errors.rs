@@ -49,7 +49,9 @@ impl Spoiled {
         for part in parts {
             assert!(message.contains(part), "{part:?} is not in {message:?}");
         }
-        assert!(!message.contains('\n'), "one line: {message}");
+        // What is wrong with several frames is a list.
+        let listed = message.contains(" frames cannot be used:\n");
+        assert!(listed || !message.contains('\n'), "one line: {message}");
     }
 }
 
@@ -438,18 +440,6 @@ fn images_that_are_too_large_together() {
 }
 
 #[test]
-fn of_several_errors_the_first_frame_is_named() {
-    files_say(
-        |path| {
-            ["001.exr", "003.exr", "005.exr"]
-                .iter()
-                .for_each(|name| fs::write(path.join(name), "").unwrap())
-        },
-        &["frame \"001\""],
-    );
-}
-
-#[test]
 fn pixels_that_are_not_finite() {
     let spoil = |path: &PathBuf| {
         let mut image = grey(SIZE[0], SIZE[1], 4);
@@ -495,8 +485,8 @@ fn masks_that_are_absent_or_empty() {
         },
         &[
             "frame \"000\"",
-            "the mask in",
-            "000.exr is empty",
+            "the largest value of the mask in",
+            "000.exr is 0.500 of 1",
             "leave the frame out",
         ],
     );

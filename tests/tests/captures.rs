@@ -1,9 +1,11 @@
 //! Captures: read in every format, checked, refused with reasons, inspected.
 
 mod capture_collections;
+mod capture_colmap;
 mod capture_disagreement;
 mod capture_errors;
 mod capture_formats;
+mod capture_frames;
 mod capture_images;
 mod capture_load;
 mod capture_meshes;

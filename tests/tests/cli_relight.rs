@@ -264,3 +264,42 @@ fn names_and_maps_that_cannot_be_used_are_refused_before_anything_is_written() {
     fs::copy(&map, maps.join("a/2.exr")).unwrap();
     fails(&[&each[..], &named].concat(), 3, "1.exr");
 }
+
+#[test]
+fn light_below_zero_and_without_end_is_clamped_and_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let (run, _, _) = run_folder(folder.path());
+    let map = folder.path().join("sun.exr");
+    let write = |negative: f32, sun: f32| {
+        let mut light = Image::filled(16, 8, 3, 0.5);
+        light.pixel_mut(3, 6).fill(negative);
+        light.pixel_mut(4, 6)[1] = negative;
+        light.pixel_mut(8, 1).fill(sun);
+        write_exr(&map, &light, &["R", "G", "B"]).unwrap();
+    };
+    let relit = |name: &str, more: &[&str]| {
+        let out = folder.path().join(name);
+        let line = "--frames 1 --size 16x16 --samples 2 --progress none";
+        let mut words = vec!["relight", text(&run), "--out", text(&out)];
+        words.extend(["--environment", text(&map)]);
+        words.extend(line.split_whitespace().chain(more.iter().copied()));
+        let output = done(&words);
+        (read_exr(&out.join("000.exr")).unwrap(), stderr(&output))
+    };
+    write(-0.01, f32::INFINITY);
+    let (picture, said) = relit("raw", &[]);
+    for part in [
+        "note: ",
+        "sun.exr has 2 texels with negative light, at lowest -0.01, taken as 0; 1 texel with infinite light, taken as 65504",
+    ] {
+        assert!(said.contains(part), "{said}");
+    }
+    // Once, also where each view reads its map.
+    let (_, said) = relit("turned", &["--axes", "camera"]);
+    assert_eq!(said.matches("note: ").count(), 1, "{said}");
+    // The very light that was meant, of which there is nothing to say.
+    write(0.0, 65504.0);
+    let (meant, said) = relit("meant", &[]);
+    assert_eq!(said, "");
+    assert_eq!(picture, meant);
+}

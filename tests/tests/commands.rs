@@ -5,6 +5,7 @@ mod cli_reading;
 mod cli_reconstruct;
 mod cli_relight;
 mod cli_resume;
+mod cli_studies;
 mod cli_words;
 mod many_captures;
 mod progress;

@@ -346,14 +346,14 @@ fn what_cannot_be_relit_is_said_and_nothing_is_written_over() {
         "missing",
     );
 
-    let negative = folder.path().join("negative.exr");
+    let unknown = folder.path().join("unknown.exr");
     let mut bad = Image::filled(4, 2, 3, 1.0);
-    bad.pixel_mut(1, 1)[2] = -0.5;
-    write_exr(&negative, &bad, &["R", "G", "B"]).unwrap();
+    bad.pixel_mut(1, 1)[2] = f32::NAN;
+    write_exr(&unknown, &bad, &["R", "G", "B"]).unwrap();
     fails(
-        &[text(&run), "--environment", text(&negative)],
+        &[text(&run), "--environment", text(&unknown)],
         3,
-        "negative.exr: the environment map's pixel in column 1 of row 1 is -0.5",
+        "unknown.exr: the environment map's pixel in column 1 of row 1 is NaN",
     );
 
     let bare = folder.path().join("bare");

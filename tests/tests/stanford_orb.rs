@@ -106,7 +106,8 @@ fn scores_are_those_of_the_published_scripts() {
     for view in 0..2 {
         predict(&predicted.join(format!("{view:04}.exr")), view);
     }
-    // Computed by the benchmark's functions (single precision, OpenCV, kornia) on these arrays. Scaled, and as they are; a
+    // Computed by the benchmark's functions (single precision, OpenCV, kornia) on these arrays, as
+    // tests/scripts/stanford_orb_reference.py does it again. Scaled, and as they are; a
     // channel that is black; and a PSNR-L that is grey's.
     let published = [
         (Scale::Best, 0, [2.535_584_4, 22.209_796, 0.881_349_47]),

@@ -458,11 +458,3 @@ fn what_was_found_before_a_stop_is_kept() {
     assert!(sentence.contains("Interrupted"), "{sentence}");
     assert_eq!(evidence.verdict, Verdict::NotTested);
 }
-
-#[test]
-fn without_real_photographs_the_page_says_so() {
-    let (summary, out) = study("real");
-    assert_eq!(summary["verdict"], "not_tested");
-    let page = fs::read_to_string(out.path().join("real/study.html")).unwrap();
-    assert!(page.contains("not tested here</b>: no real photographs were given"));
-}

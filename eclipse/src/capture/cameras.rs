@@ -89,7 +89,7 @@ fn described(
     allow_outside: bool,
 ) -> Result<(PathBuf, Transforms, Folder), CaptureError> {
     if path.is_dir() {
-        let folder = Folder::new(path, allow_outside)?;
+        let folder = Folder::new(path, allow_outside)?.for_cameras();
         let source = formats::read(&folder)?;
         return Ok((source.path, source.transforms, folder));
     }

@@ -125,6 +125,21 @@ pub enum CaptureError {
          capture (in the library: `LoadOptions::allow_outside`)", path.display()
     )]
     Linked { path: PathBuf },
+    /// A COLMAP model without its photographs.
+    #[error(
+        "{} names photographs, but {} is not there, where they are looked for; put them there, or say where they lie with --images \
+         (in the library: `LoadOptions::images`)", path.display(), folder.display()
+    )]
+    NoImages { path: PathBuf, folder: PathBuf },
+    /// What was named for the photographs of a COLMAP model is no folder.
+    #[error("--images {}: {problem}; expected the folder in which the photographs lie (in the library: `LoadOptions::images`)", path.display())]
+    Images { path: PathBuf, problem: String },
+    /// A folder of photographs for a capture that says itself where each lies.
+    #[error(
+        "{}: says itself in `file_path` where each photograph lies, so that --images {} has no meaning (in the library: \
+         `LoadOptions::images`); leave it out, or correct the paths: it is for COLMAP models", path.display(), images.display()
+    )]
+    ImagesNamed { path: PathBuf, images: PathBuf },
     /// Images that would not fit into memory together.
     #[error(
         "{}: its photographs and masks have {samples} values together (pixels × channels, of a photograph at least 4 a pixel), \
@@ -165,6 +180,16 @@ pub enum CaptureError {
     /// No pixel shows the object.
     #[error("frame {frame:?}: the mask in {} is empty; expected values above one half where the object is: correct it, or leave the frame out", path.display())]
     EmptyMask { frame: String, path: PathBuf },
+    /// A mask that is not black, but has nothing above one half.
+    #[error(
+        "frame {frame:?}: the largest value of the mask in {} is {brightest}, and only what is above one half counts as the object; if its \
+         values are numbers of labels, paint the object's white and all else black; if it is dim, brighten it; or leave the frame out", path.display()
+    )]
+    DimMask {
+        frame: String,
+        path: PathBuf,
+        brightest: String,
+    },
     /// No pixel is left that shows the object.
     #[error(
         "frame {frame:?}: the object fills {} of the mask in {}, and none of the {} × {} that --max-size {longest} reduces \
@@ -176,6 +201,14 @@ pub enum CaptureError {
         pixels: usize,
         longest: usize,
         size: [usize; 2],
+    },
+    /// Several frames that cannot be used.
+    #[error("{}: {bad} of {of} frames cannot be used:{}", path.display(), listed(told, *bad))]
+    Frames {
+        path: PathBuf,
+        told: Vec<CaptureError>,
+        bad: usize,
+        of: usize,
     },
     /// No mesh was found.
     #[error("{} holds no mesh.glb, .gltf, .obj or .ply; {hint}", path.display())]
@@ -218,6 +251,51 @@ pub enum CaptureError {
     /// An image of a capture cannot be written.
     #[error("{0}")]
     WriteImage(ImageIoError),
+}
+
+/// Frames of which it is said what is wrong with them, where it is many.
+const TOLD: usize = 20;
+
+/// What each frame of the capture that `path` describes gave. What is wrong with several is one error, so that whoever corrects them
+/// need not come back for each.
+pub(super) fn all_good<T>(
+    path: &Path,
+    frames: impl IntoIterator<Item = Result<T, CaptureError>>,
+) -> Result<Vec<T>, CaptureError> {
+    let (mut good, mut told) = (Vec::new(), Vec::new());
+    let (mut bad, mut of) = (0, 0);
+    for frame in frames {
+        of += 1;
+        match frame {
+            Ok(frame) if bad == 0 => good.push(frame),
+            Ok(_) => {}
+            Err(error) => {
+                bad += 1;
+                // Nothing comes of the others any more, and photographs take memory.
+                good = Vec::new();
+                told.extend((told.len() < TOLD).then_some(error));
+            }
+        }
+    }
+    match bad {
+        0 => Ok(good),
+        1 => Err(told.remove(0)),
+        _ => Err(CaptureError::Frames {
+            path: path.into(),
+            told,
+            bad,
+            of,
+        }),
+    }
+}
+
+/// Errors one below the other, and how many of `bad` are not among them.
+fn listed(told: &[CaptureError], bad: usize) -> String {
+    let lines: String = told.iter().map(|error| format!("\n  {error}")).collect();
+    match bad - told.len() {
+        0 => lines,
+        more => format!("{lines}\n  and {more} more"),
+    }
 }
 
 /// A frame of the file that describes a capture: what is at fault.

@@ -3,7 +3,10 @@
 mod masks;
 mod names;
 
-use std::{ops::Range, path::Path};
+use std::{
+    ops::Range,
+    path::{Path, PathBuf},
+};
 
 use rayon::prelude::*;
 use render::image::Image;
@@ -11,7 +14,7 @@ use render::image::Image;
 use super::{
     CaptureError, Frame, MAX_SAMPLES,
     cameras::scaled,
-    error::At,
+    error::{At, all_good},
     paths::Folder,
     pose::{camera, declared_size, rigid_pose},
     transforms::{Transforms, TransformsFrame},
@@ -38,9 +41,8 @@ pub(super) fn load(
     let samples = samples((folder, json), entries, reading.1);
     check_samples(json, &samples)?;
     let at_once = reading.1.map_or(u64::MAX, |_| AT_ONCE);
-    let (mut frames, mut sizes) = (Vec::new(), Vec::new());
-    for batch in batches(&samples, at_once) {
-        // Collected in order before the first error is looked for, so that it does not depend on timing.
+    // In order, whatever the timing.
+    let read = batches(&samples, at_once).into_iter().flat_map(|batch| {
         let read: Vec<Result<_, CaptureError>> = names[batch.clone()]
             .par_iter()
             .zip(&entries[batch])
@@ -48,12 +50,9 @@ pub(super) fn load(
                 load_frame((folder, json), transforms, name.clone(), entry, reading)
             })
             .collect();
-        for read in read {
-            let (frame, size) = read?;
-            frames.push(frame);
-            sizes.push(size);
-        }
-    }
+        read
+    });
+    let (frames, sizes): (Vec<Frame>, Vec<[usize; 2]>) = all_good(json, read)?.into_iter().unzip();
     same_sizes((folder, json), transforms, &frames, &sizes)?;
     Ok(frames)
 }
@@ -188,20 +187,17 @@ fn load_frame(
     };
     let shown = |mask: &Image| mask.data.iter().filter(|&&coverage| coverage > 0.5).count();
     let pixels = shown(&mask);
+    if pixels == 0 {
+        return Err(nothing_shown(name, mask_path, &mask));
+    }
     let mask = reduced(mask);
-    if shown(&mask) == 0 {
-        return Err(match max_size {
-            Some(longest) if pixels > 0 => CaptureError::ReducedAway {
-                frame: name,
-                path: mask_path,
-                pixels,
-                longest,
-                size: small,
-            },
-            _ => CaptureError::EmptyMask {
-                frame: name,
-                path: mask_path,
-            },
+    if let Some(longest) = max_size.filter(|_| shown(&mask) == 0) {
+        return Err(CaptureError::ReducedAway {
+            frame: name,
+            path: mask_path,
+            pixels,
+            longest,
+            size: small,
         });
     }
     let frame = Frame {
@@ -211,6 +207,18 @@ fn load_frame(
         mask,
     };
     Ok((frame, size))
+}
+
+/// What is wrong with a mask that has nothing above one half.
+fn nothing_shown(frame: String, path: PathBuf, mask: &Image) -> CaptureError {
+    match masks::brightest(mask) {
+        Some(brightest) => CaptureError::DimMask {
+            frame,
+            path,
+            brightest,
+        },
+        None => CaptureError::EmptyMask { frame, path },
+    }
 }
 
 /// The photograph as its file says that it is shown, where that has the declared size and what is stored has not: some programs
@@ -268,23 +276,19 @@ fn same_sizes(
     let Some(((_, first), _)) = with_shared.next() else {
         return Ok(());
     };
-    for ((frame, size), entry) in with_shared {
-        if size != first {
-            let at = At {
-                path: json,
-                frame: &frame.name,
-            };
-            let path = folder.image(at, "file_path", &entry.file_path)?;
-            check_size(
-                &frame.name,
-                &path,
-                *size,
-                "the first frame, with the same intrinsics, has",
-                *first,
-            )?;
+    let alike = with_shared.map(|((frame, size), entry)| {
+        if size == first {
+            return Ok(());
         }
-    }
-    Ok(())
+        let at = At {
+            path: json,
+            frame: &frame.name,
+        };
+        let path = folder.image(at, "file_path", &entry.file_path)?;
+        let expected = "the first frame, with the same intrinsics, has";
+        check_size(&frame.name, &path, *size, expected, *first)
+    });
+    all_good(json, alike).map(drop)
 }
 
 /// Refuses an image with values that are not finite in pixels that matter, by their number.

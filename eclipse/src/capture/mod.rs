@@ -86,6 +86,8 @@ pub struct LoadOptions {
     pub up: UpAxis,
     /// Longest side of photographs and masks, in pixels: larger ones are reduced, one batch after the other, as they are read.
     pub max_size: Option<usize>,
+    /// Where the photographs of a COLMAP model lie, in place of its own `images`: in the folder of the capture, or anywhere else.
+    pub images: Option<PathBuf>,
     /// Least median overlap (intersection over union) of the mesh's silhouettes with the masks; 0 switches the check off.
     pub min_overlap: f32,
 }
@@ -98,6 +100,7 @@ impl Default for LoadOptions {
             color_encoding: None,
             up: UpAxis::Z,
             max_size: None,
+            images: None,
             min_overlap: 0.8,
         }
     }
@@ -153,7 +156,7 @@ impl Capture {
     /// # Errors
     /// [`CaptureError`] names the file, the field, what was expected and what to do.
     pub fn describe(path: &Path, options: &LoadOptions) -> Result<Source, CaptureError> {
-        let folder = Folder::new(path, options.allow_outside)?;
+        let folder = Folder::new(path, options.allow_outside)?.with_images(options)?;
         let source = formats::read(&folder)?;
         let asked = options.mesh.as_deref();
         let in_words = source.transforms.shape.is_some() && asked.is_none();
@@ -173,12 +176,12 @@ impl Capture {
 
     /// Reads and checks the capture in the folder `path`.
     ///
-    /// Images are decoded in parallel; the first error in the order of the frames is the one returned.
+    /// Images are decoded in parallel; where several frames cannot be used, the error tells what is wrong with each, in their order.
     ///
     /// # Errors
     /// [`CaptureError`] names the file, the field, what was expected and what to do.
     pub fn load(path: &Path, options: &LoadOptions) -> Result<Self, CaptureError> {
-        let folder = Folder::new(path, options.allow_outside)?;
+        let folder = Folder::new(path, options.allow_outside)?.with_images(options)?;
         let Source {
             path: described,
             transforms,

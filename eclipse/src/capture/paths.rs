@@ -1,8 +1,11 @@
 //! Where the files of a capture lie.
 
-use std::path::{Path, PathBuf};
+use std::{
+    ffi::OsStr,
+    path::{Path, PathBuf},
+};
 
-use super::{CaptureError, error::At, transforms::Transforms};
+use super::{CaptureError, LoadOptions, error::At, transforms::Transforms};
 
 /// Image extensions that are tried for a `file_path` without one.
 const EXTENSIONS: [&str; 10] = [
@@ -17,7 +20,18 @@ pub(super) struct Folder {
     path: PathBuf,
     canonical: PathBuf,
     allow_outside: bool,
+    images: Option<Images>,
+    cameras_alone: bool,
 }
+
+/// A folder that the user named, which stands for [`IMAGES`] wherever it lies.
+struct Images {
+    path: PathBuf,
+    canonical: PathBuf,
+}
+
+/// The folder of a capture in which programs that do not say where photographs lie expect them.
+pub(super) const IMAGES: &str = "images/";
 
 impl Folder {
     pub fn new(path: &Path, allow_outside: bool) -> Result<Self, CaptureError> {
@@ -35,7 +49,48 @@ impl Folder {
             path: path.into(),
             canonical,
             allow_outside,
+            images: None,
+            cameras_alone: false,
         })
+    }
+
+    /// The same with the photographs where the options say.
+    pub fn with_images(self, options: &LoadOptions) -> Result<Self, CaptureError> {
+        let Some(path) = &options.images else {
+            return Ok(self);
+        };
+        let canonical = path.canonicalize().map_err(|error| error.to_string());
+        let canonical = canonical.and_then(|canonical| match canonical.is_dir() {
+            true => Ok(canonical),
+            false => Err("it is no folder".to_owned()),
+        });
+        let canonical = canonical.map_err(|problem| CaptureError::Images {
+            path: path.clone(),
+            problem,
+        })?;
+        let path = path.clone();
+        Ok(Self {
+            images: Some(Images { path, canonical }),
+            ..self
+        })
+    }
+
+    /// The same for whoever asks for cameras: photographs need not be there.
+    pub fn for_cameras(self) -> Self {
+        Self {
+            cameras_alone: true,
+            ..self
+        }
+    }
+
+    /// Whether photographs need not be there.
+    pub fn is_for_cameras(&self) -> bool {
+        self.cameras_alone
+    }
+
+    /// The folder that the user named for the photographs.
+    pub fn images(&self) -> Option<&Path> {
+        self.images.as_ref().map(|images| &*images.path)
     }
 
     /// The image that `name`, of a frame's `field`, stands for.
@@ -69,6 +124,11 @@ impl Folder {
     /// Whether `name` stands for an image that is there.
     pub fn has_image(&self, name: &str) -> bool {
         find(&self.join(name)).is_some()
+    }
+
+    /// Whether `name` stands for a folder that is there.
+    pub fn has_folder(&self, name: &str) -> bool {
+        self.join(name).is_dir()
     }
 
     /// Refuses a file by which the folder is told to be a capture, `path` within it, that is a link out of it.
@@ -154,7 +214,11 @@ impl Folder {
 
     fn join(&self, name: &str) -> PathBuf {
         // Files made on Windows may carry its separators.
-        self.path.join(name.replace('\\', "/"))
+        let name = name.replace('\\', "/");
+        match (&self.images, name.strip_prefix(IMAGES)) {
+            (Some(images), Some(rest)) => images.path.join(rest),
+            _ => self.path.join(name),
+        }
     }
 
     /// Refuses what leads out of the folder, by dots, as an absolute path or through links.
@@ -176,17 +240,27 @@ impl Folder {
 
     /// Whether a file may be read that lies there, links and dots resolved.
     fn holds(&self, canonical: &Path) -> bool {
-        self.allow_outside || canonical.starts_with(&self.canonical)
+        let in_images = |images: &Images| canonical.starts_with(&images.canonical);
+        self.allow_outside
+            || canonical.starts_with(&self.canonical)
+            || self.images.as_ref().is_some_and(in_images)
     }
 }
 
 /// The folder of the capture that the file `path` belongs to.
 fn folder_of(path: &Path) -> &Path {
     let parent = path.parent().unwrap_or(Path::new(""));
-    let inside = ["sparse/0", "sparse"]
-        .into_iter()
-        .find(|inside| parent.ends_with(inside));
-    let up = inside.map_or(0, |inside| Path::new(inside).iter().count());
+    // Of COLMAP's models, numbered or alone.
+    let is_number = |name: &OsStr| name.to_string_lossy().parse::<u32>().is_ok();
+    let numbered = parent.file_name().is_some_and(is_number);
+    let models = match numbered {
+        true => parent.parent().unwrap_or(parent),
+        false => parent,
+    };
+    let up = match models.ends_with("sparse") {
+        true => 1 + usize::from(numbered),
+        false => 0,
+    };
     match parent.ancestors().nth(up) {
         None => parent,
         Some(folder) if folder == Path::new("") => Path::new("."),
@@ -218,6 +292,8 @@ mod tests {
             ("transforms.json", "."),
             ("a/b/transforms.json", "a/b"),
             ("a/sparse/0/images.bin", "a"),
+            ("a/sparse/12/images.bin", "a"),
+            ("a/12/transforms.json", "a/12"),
             ("a/sparse/images.txt", "a"),
             ("sparse/0/images.bin", "."),
             ("/transforms.json", "/"),

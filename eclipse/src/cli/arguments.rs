@@ -1,6 +1,6 @@
 //! The commands; each one's arguments stand with what it does.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
@@ -85,6 +85,9 @@ pub(super) struct ReadingArguments {
     /// Longest side of photographs, in pixels: larger ones, and their masks, are reduced by means over areas [default: none is].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..))]
     pub max_size: Option<u32>,
+    /// Folder in which the photographs of a COLMAP model lie; it may be anywhere [default: images in the capture's folder].
+    #[arg(long, value_name = "DIR")]
+    pub images: Option<PathBuf>,
 }
 
 /// How stored values relate to light.
@@ -105,6 +108,7 @@ impl ReadingArguments {
             color_encoding: self.color.map(ColorName::encoding),
             up: self.up.unwrap_or_default(),
             max_size: self.max_size.map(|side| side as usize),
+            images: self.images.clone(),
             ..LoadOptions::default()
         }
     }

@@ -60,7 +60,7 @@ pub(super) struct DiagnoseArguments {
     /// Folder for the results [default: out/<name of the capture>-diagnosis].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Time (a bare number is seconds) after which no further effect is looked for, the reconstruction included; an occluder's outline may take an eighth more.
+    /// Time (a bare number is seconds) after which no further effect is looked for, the reconstruction included. Effects are compared once however long that takes (a minute or two on two cores), which is told where it goes beyond; an occluder's outline may take an eighth more.
     #[arg(long, value_name = "TIME", allow_hyphen_values = true, value_parser = units::duration, default_value = "8m")]
     pub time_limit: f64,
     /// Effects to try, separated by commas [default: all].
@@ -148,7 +148,7 @@ fn reading(arguments: &DiagnoseArguments) -> Result<LoadOptions, Failure> {
         return Ok(options);
     };
     let kept = relight::reading(folder).map_err(Failure::bad_input)?;
-    if let Some(problem) = Reading::misunderstood(&kept, typed) {
+    if let Some(problem) = Reading::misunderstood(&kept, typed.clone()) {
         let path = folder.join(layout::SETTINGS);
         let message = format!("{}: {problem}", path.display());
         return Err(Failure::bad_input(message));
@@ -164,6 +164,7 @@ pub(super) fn diagnose(
     inspect: &mut dyn FnMut(&criticism::Outcome<'_>) -> Result<(), DiagnoseError>,
 ) -> Result<Option<Diagnosis>, Failure> {
     let began = Instant::now();
+    shown::notes_of(job.capture, &job.reading, job.style);
     let capture = Capture::load(job.capture, &job.reading).map_err(Failure::bad_input)?;
     // Before anybody waits for a reconstruction.
     criticism::chosen(job.effects, criticism::light_of(&capture)).map_err(refused)?;

@@ -19,7 +19,7 @@ use serde_json::json;
 
 use self::{resume::Chosen, summary::summary};
 use super::{
-    Failure, Outcome, arguments::ReadingArguments, print, shown::ProgressArguments,
+    Failure, Outcome, arguments::ReadingArguments, print, shown, shown::ProgressArguments,
     stop_on_interrupt, taken, units,
 };
 use crate::{
@@ -142,6 +142,11 @@ pub(super) fn run(
         message: error.to_string(),
     })?;
     let options = chosen.options(arguments);
+    let style = match arguments.tui {
+        true => Style::Hidden,
+        false => arguments.progress.style(arguments.json),
+    };
+    shown::notes_of(&arguments.capture, &options, style);
     let capture = Capture::load(&arguments.capture, &options).map_err(Failure::bad_input)?;
     // Before a folder is made for it.
     let frames = settings.check_frames(capture.frames.len());
@@ -174,10 +179,6 @@ pub(super) fn run(
         .build();
     let pool = pool.map_err(|error| Failure::failed(format!("cannot start threads: {error}")))?;
 
-    let style = match arguments.tui {
-        true => Style::Hidden,
-        false => arguments.progress.style(arguments.json),
-    };
     announce(&capture, settings, planned, style);
     if !arguments.resume && checkpoint::is_in(&folder) {
         warn_of_earlier(&folder, style);
@@ -265,12 +266,7 @@ fn warn_of_earlier(folder: &Path, style: Style) {
         "{} holds an earlier run, which this one begins to write over with its first step; --resume goes on with it instead",
         folder.display()
     );
-    match style {
-        Style::Lines => say(&json!({ "event": "warning", "message": warning })),
-        Style::Bar | Style::Hidden => {
-            let _ = writeln!(std::io::stderr(), "{warning}");
-        }
-    }
+    shown::warn(style, &warning);
 }
 
 /// The command as a shell would take it, without `--resume`, but with the options that it `inherited`: a repeat starts afresh.

@@ -10,11 +10,13 @@ use clap::{ArgGroup, Args};
 use render::{camera::Camera, convention::Convention, environment::EnvironmentMap};
 
 use super::{
-    Failure, Outcome, not_of_a_run, print, shown::ProgressArguments, stop_on_interrupt, units,
+    Failure, Outcome, not_of_a_run, print,
+    shown::{self, ProgressArguments},
+    stop_on_interrupt, units,
 };
 use crate::{
     capture::{MAX_PICTURE_SIDE, UpAxis, read_cameras},
-    image_io::{EnvironmentOptions, Rows, read_environment},
+    image_io::{Clamped, EnvironmentOptions, Rows, read_foreign_environment},
     layout,
     progress::PictureDisplay,
     relight::{
@@ -59,7 +61,8 @@ they are called as the file's frames: as `file_path` without its extension, fold
 pub(super) struct RelightArguments {
     /// Folder that reconstruct wrote.
     pub folder: PathBuf,
-    /// Light from all directions, an equirectangular EXR, HDR, PNG or JPEG.
+    /// Light from all directions, an equirectangular EXR, HDR, PNG or JPEG. Negative light counts as none, infinite light as the most of
+    /// half precision (65504), and it is said of how many texels.
     #[arg(long, value_name = "FILE")]
     pub environment: Option<PathBuf>,
     /// A map for each picture, by the name of its frame.
@@ -133,7 +136,10 @@ pub(super) fn run(arguments: &RelightArguments, out: &mut dyn Write) -> Result<O
         not_of_a_run("relight", &arguments.folder, error, missing)
     })?;
     let views = arguments.views(&object)?;
-    let (light, lights) = arguments.light(&views).map_err(Failure::bad_input)?;
+    let (light, clamped, lights) = arguments.light(&views).map_err(Failure::bad_input)?;
+    let style = arguments.progress.style(false);
+    let tell = |clamped: &Clamped| shown::warn(style, &format!("note: {clamped}"));
+    clamped.iter().for_each(tell);
     let record = Record {
         object: arguments.folder.clone(),
         environment: arguments.light_path().to_owned(),
@@ -159,7 +165,7 @@ pub(super) fn run(arguments: &RelightArguments, out: &mut dyn Write) -> Result<O
         .build();
     let pool = pool.map_err(|error| Failure::failed(format!("cannot start threads: {error}")))?;
     let stop = stop_on_interrupt()?;
-    let display = PictureDisplay::new(views.len(), arguments.progress.style(false));
+    let display = PictureDisplay::new(views.len(), style);
     let progress = |index: usize, share: f32| {
         display.update(index, share);
         !stop.load(Ordering::Relaxed)
@@ -179,7 +185,12 @@ pub(super) fn run(arguments: &RelightArguments, out: &mut dyn Write) -> Result<O
             Err(Failure::bad_input(error))
         }
         done => {
-            done.map_err(Failure::failed)?;
+            let later = done.map_err(Failure::failed)?;
+            // That of the first view was told before.
+            let later = later
+                .iter()
+                .filter(|later| Some(*later) != clamped.as_ref());
+            later.for_each(tell);
             let pictures = counted(views.len(), "picture");
             print(out, &format!("wrote {pictures} to {}\n", path.display()))?;
             Ok(Outcome::Done)
@@ -278,8 +289,11 @@ impl RelightArguments {
         orbit.cameras(object.mesh.bounding_radius())
     }
 
-    /// The light of the first view, and of each where they differ.
-    fn light(&self, views: &[View]) -> Result<(EnvironmentMap, Option<Lights>), RelightError> {
+    /// The light of the first view, with what was changed of its map, and the light of each where they differ.
+    fn light(
+        &self,
+        views: &[View],
+    ) -> Result<(EnvironmentMap, Option<Clamped>, Option<Lights>), RelightError> {
         let options = EnvironmentOptions {
             convention: self.convention,
             rotate: self.rotate,
@@ -289,11 +303,14 @@ impl RelightArguments {
         let lights = match (&self.environments, self.axes) {
             (Some(_), axes) => Lights::of_each(path, views, options, axes)?,
             (None, Axes::Camera) => Lights::of_one(path, views, options, Axes::Camera),
-            (None, Axes::World) => return Ok((read_environment(path, &options)?, None)),
+            (None, Axes::World) => {
+                let (light, clamped) = read_foreign_environment(path, &options)?;
+                return Ok((light, clamped, None));
+            }
         };
         // Before a folder is made for the pictures.
-        let first = lights.read(0, &views[0].camera)?;
-        Ok((first, Some(lights)))
+        let (first, clamped) = lights.read(0, &views[0].camera)?;
+        Ok((first, clamped, Some(lights)))
     }
 
     /// The file of the light, or the folder of all.

@@ -1,12 +1,15 @@
 //! `--progress`: how work under way is shown.
 
-use std::io::Write;
+use std::{io::Write, path::Path};
 
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::{Failure, Outcome};
-use crate::progress::{Event, Lines, Style, say};
+use crate::{
+    capture::{Capture, LoadOptions},
+    progress::{Event, Lines, Style, say},
+};
 
 #[derive(Args, Debug, Default)]
 pub(super) struct ProgressArguments {
@@ -61,6 +64,26 @@ pub(super) fn tell(style: Style) -> impl Fn(&str) + Send + Sync {
         }
         Style::Lines => lines.tell(&Event::stage(text)),
         Style::Hidden => {}
+    }
+}
+
+/// Says something that nobody should miss, even where progress is not shown.
+pub(super) fn warn(style: Style, warning: &str) {
+    match style {
+        Style::Lines => say(&json!({ "event": "warning", "message": warning })),
+        // A closed standard error is no failure.
+        Style::Bar | Style::Hidden => {
+            let _ = writeln!(std::io::stderr(), "{warning}");
+        }
+    }
+}
+
+/// Says what is chosen where a capture leaves a choice.
+pub(super) fn notes_of(capture: &Path, options: &LoadOptions, style: Style) {
+    // What cannot be read is told when it is loaded.
+    let source = Capture::describe(capture, options).ok();
+    for note in source.into_iter().flat_map(|source| source.notes) {
+        warn(style, &format!("note: {note}"));
     }
 }
 

@@ -7,44 +7,107 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use clap::{Args, Subcommand};
+use clap::{Arg, Args, Subcommand};
 
-use super::{Failure, Outcome, print, shown::ProgressArguments, stop_on_interrupt, units};
+use super::{
+    Failure, Outcome, print,
+    shown::{self, ProgressArguments},
+    stop_on_interrupt, units,
+};
 use crate::{
     files::made::MadeFolder,
     progress::{Event, Lines, Style},
     studies::{self, Bench, Evidence, Scale, Study, StudyError, page},
 };
 
+/// What is said where the study of real photographs has none.
+const NO_PHOTOGRAPHS: &str = "`real` needs photographs of a real object, which are not part of the project: name the folder of a capture \
+    that `eclipse inspect` accepts with --real DIR, or with the environment variable ECLIPSE_REAL";
+
+/// Where captures with their truth are looked for.
+const CAPTURES: &str = "tests/captures";
+
+/// Options that some studies have a use for, by their fields' names, each with those studies; all of them together use everything.
+/// (How many captures there are decides how long a real one is reconstructed for.)
+const OF_SOME: [(&str, &[&str]); 3] = [
+    (
+        "captures",
+        &[
+            "limit",
+            "recovery",
+            "lambertian",
+            "masks",
+            "relighting",
+            "time",
+            "real",
+        ],
+    ),
+    (
+        "time_limit",
+        &[
+            "recovery",
+            "lambertian",
+            "masks",
+            "relighting",
+            "time",
+            "real",
+        ],
+    ),
+    ("real", &["real"]),
+];
+
+/// Leaves out of the help of a study what it has no use for.
+fn as_used_by(study: &'static str) -> impl FnMut(Arg) -> Arg {
+    move |option| {
+        let of_some = OF_SOME.iter().find(|(name, _)| option.get_id() == *name);
+        let unused = of_some.is_some_and(|(_, studies)| !studies.contains(&study));
+        option.hide(unused)
+    }
+}
+
 #[derive(Subcommand, Debug)]
 pub(super) enum PaperStudy {
     /// Fig. 2: a matt sphere and a mirror that look the same, and an occluder that tells them apart.
+    #[command(mut_args(as_used_by("ambiguity")))]
     Ambiguity(PaperArguments),
     /// Fig. 3: singular values of what is observed, over the number of occluders.
+    #[command(mut_args(as_used_by("conditioning")))]
     Conditioning(PaperArguments),
     /// Fig. S8 and S9: masks as waves, light as a pyramid.
+    #[command(mut_args(as_used_by("theory")))]
     Theory(PaperArguments),
     /// Fig. 1, 4 and S1: light, albedo and occluders of every capture with truth, against occluders not modelled.
+    #[command(mut_args(as_used_by("recovery")))]
     Recovery(PaperArguments),
     /// Fig. 6: a matt object with and without somebody in the light.
+    #[command(mut_args(as_used_by("lambertian")))]
     Lambertian(PaperArguments),
     /// Fig. 5: errors of masks against the light that they block.
+    #[command(mut_args(as_used_by("masks")))]
     Masks(PaperArguments),
     /// What photographs can tell of the light at best, before anything is solved.
+    #[command(mut_args(as_used_by("limit")))]
     Limit(LimitArguments),
     /// Whether standard deviations are of the size of errors, over draws of noise and seeds.
+    #[command(mut_args(as_used_by("uncertainty")))]
     Uncertainty(PaperArguments),
     /// Table 1 and Fig. 10: harmonics and pyramid against free values, ratio, degree, bias.
+    #[command(mut_args(as_used_by("parametrisation")))]
     Parametrisation(PaperArguments),
     /// S6: materials of shiny objects.
+    #[command(mut_args(as_used_by("shiny")))]
     Shiny(PaperArguments),
     /// Fig. 9 and S3: lamps, roughness, person, photographs and noise, one at a time.
+    #[command(mut_args(as_used_by("sweeps")))]
     Sweeps(PaperArguments),
     /// S5: recovered objects in other light, with other finishes.
+    #[command(mut_args(as_used_by("relighting")))]
     Relighting(PaperArguments),
     /// Quality over time of the presets `paper` and `fast`.
+    #[command(mut_args(as_used_by("time")))]
     Time(PaperArguments),
     /// Fig. 8 and S2: real photographs, judged by views held out.
+    #[command(mut_args(as_used_by("real")))]
     Real(PaperArguments),
     /// Every experiment of the paper that is here, one after the other.
     All(PaperArguments),
@@ -71,7 +134,7 @@ pub(super) struct PaperArguments {
     pub glance: bool,
     /// Folder of captures with their truth, for the studies that reconstruct; `lambertian` and `recovery` compare a capture NAME
     /// with the same without anybody in the light, NAME-unoccluded.
-    #[arg(long, value_name = "DIR", default_value = "tests/captures")]
+    #[arg(long, value_name = "DIR", default_value = CAPTURES)]
     pub captures: PathBuf,
     /// Folder of a capture of real photographs, for the study `real` [default: the environment variable ECLIPSE_REAL].
     #[arg(long, value_name = "DIR")]
@@ -136,6 +199,10 @@ pub(super) fn run(
     };
     let study = studies::by_name(name)
         .ok_or_else(|| Failure::failed(format!("there is no study called {name}")))?;
+    arguments.tell_unused(name);
+    if name == "real" && arguments.real().is_none() {
+        return Err(Failure::bad_input(NO_PHOTOGRAPHS));
+    }
     let mut ended = Ended::default();
     let evidence = arguments.with_bench(capture, err, |bench| {
         let evidence = one(study, bench, arguments, typed);
@@ -280,6 +347,30 @@ fn failure(name: &str, error: &StudyError) -> Failure {
 }
 
 impl PaperArguments {
+    /// The folder of real photographs: as asked, or as the environment has it.
+    fn real(&self) -> Option<PathBuf> {
+        let named = || std::env::var_os("ECLIPSE_REAL").map(PathBuf::from);
+        self.real.clone().or_else(named)
+    }
+
+    /// Says which options that were given this study has no use for: whoever gave them expects something of them.
+    fn tell_unused(&self, study: &str) {
+        let given = [
+            self.captures != Path::new(CAPTURES),
+            self.time_limit.is_some(),
+            self.real.is_some(),
+        ];
+        let given = OF_SOME.iter().zip(given).filter(|(_, given)| *given);
+        for ((name, studies), _) in given.filter(|((_, studies), _)| !studies.contains(&study)) {
+            let option = name.replace('_', "-");
+            let note = format!(
+                "note: --{option} changes nothing here, `{study}` having no use for it: it is for {}",
+                studies.join(", ")
+            );
+            shown::warn(self.progress.style(self.json), &note);
+        }
+    }
+
     /// What studies compute with, as was asked for.
     fn with_bench<T>(
         &self,
@@ -311,8 +402,7 @@ impl PaperArguments {
         bench.threads = self.threads.map_or(bench.threads, usize::from);
         bench.time_limit = self.time_limit;
         bench.capture = capture;
-        let named = std::env::var_os("ECLIPSE_REAL").map(PathBuf::from);
-        let real = self.real.clone().or(named);
+        let real = self.real();
         bench.real = real.as_deref();
         Ok(work(&bench))
     }

@@ -8,13 +8,17 @@ use std::{
 use clap::{Args, ValueEnum};
 use render::{bsdf::Model, convention::Convention, image::Image};
 
-use super::{Failure, Outcome, print, shown::ProgressArguments, stop_on_interrupt, units};
+use super::{
+    Failure, Outcome, print,
+    shown::{self, ProgressArguments},
+    stop_on_interrupt, units,
+};
 use crate::{
     capture,
     files::lock::Lock,
-    image_io::{ColorEncoding, EnvironmentOptions, Rows, read_environment, read_image},
+    image_io::{ColorEncoding, EnvironmentOptions, Rows, read_foreign_environment, read_image},
     mesh_io::read_mesh,
-    progress::PictureDisplay,
+    progress::{PictureDisplay, Style},
     synthesize::{self, Occluders, Pattern, Scene, Shooting, SynthesizeError},
 };
 
@@ -94,9 +98,10 @@ pub(super) fn run(
 ) -> Result<Outcome, Failure> {
     let _lock = Lock::beside(&arguments.out).map_err(Failure::failed)?;
     capture::vacant(&arguments.out).map_err(Failure::failed)?;
+    let style = arguments.progress.style(false);
     let scene = Scene {
         mesh: read_mesh(&arguments.mesh).map_err(Failure::bad_input)?,
-        environment: environment(&arguments.environment, arguments.convention)?,
+        environment: environment(&arguments.environment, arguments.convention, style)?,
         model: match arguments.bsdf {
             Bsdf::Ggx => Model::Microfacet,
             Bsdf::Lambert => Model::Lambertian,
@@ -121,7 +126,7 @@ pub(super) fn run(
         seed: arguments.seed,
     };
     let stop = stop_on_interrupt()?;
-    let display = PictureDisplay::new(shooting.frames, arguments.progress.style(false));
+    let display = PictureDisplay::new(shooting.frames, style);
     let progress = |frame: usize| {
         display.update(frame, 0.0);
         !stop.load(std::sync::atomic::Ordering::Relaxed)
@@ -143,13 +148,21 @@ pub(super) fn run(
 }
 
 /// The environment in our convention, averaged onto the grid that reconstructions use.
-fn environment(path: &Path, convention: Option<Convention>) -> Result<Image, Failure> {
+fn environment(
+    path: &Path,
+    convention: Option<Convention>,
+    style: Style,
+) -> Result<Image, Failure> {
     let options = EnvironmentOptions {
         convention,
         rows: Rows::Exactly(ENVIRONMENT_ROWS),
         ..Default::default()
     };
-    let map = read_environment(path, &options).map_err(Failure::bad_input)?;
+    let read = read_foreign_environment(path, &options);
+    let (map, clamped) = read.map_err(Failure::bad_input)?;
+    if let Some(clamped) = clamped {
+        shown::warn(style, &format!("note: {clamped}"));
+    }
     Ok(map.image().clone())
 }
 

@@ -10,7 +10,10 @@ use render::{
     lat_long::LatLong,
 };
 
-use super::{ImageIoError, check_size, decode_exr, openexr::MAGIC, read_bytes, read_image};
+use super::{
+    Clamped, ImageIoError, check_size, clamped::clamp, decode_exr, openexr::MAGIC, read_bytes,
+    read_image,
+};
 use crate::layout::CONVENTION;
 
 /// How an environment map is read.
@@ -47,6 +50,31 @@ pub fn read_environment(
     options: &EnvironmentOptions,
 ) -> Result<EnvironmentMap, EnvironmentIoError> {
     let (image, named) = read(path)?;
+    laid_out(path, image.to_rgb(), named, options)
+}
+
+/// The same of maps that other programs made, in which negative light is taken as none and infinite light as very much; with what was
+/// taken so, for whoever should know.
+///
+/// # Errors
+/// As [`read_environment`].
+pub fn read_foreign_environment(
+    path: &Path,
+    options: &EnvironmentOptions,
+) -> Result<(EnvironmentMap, Option<Clamped>), EnvironmentIoError> {
+    let (image, named) = read(path)?;
+    let mut image = image.to_rgb();
+    let clamped = clamp(&mut image, path);
+    Ok((laid_out(path, image, named, options)?, clamped))
+}
+
+/// The light of an RGB image that names a convention, or none.
+fn laid_out(
+    path: &Path,
+    image: Image,
+    named: Option<String>,
+    options: &EnvironmentOptions,
+) -> Result<EnvironmentMap, EnvironmentIoError> {
     // Files that name a convention are ours, and some layouts have other grids.
     let is_sphere = image.width == 2 * image.height
         || options.convention == Some(Convention::Mitsuba) && has_pole_rows(&image);
@@ -68,7 +96,6 @@ pub fn read_environment(
         (Some(convention), _) => convention,
         (None, named) => named.transpose()?.unwrap_or(Convention::Blender),
     };
-    let image = image.to_rgb();
     // Checked before light is mixed: one bad texel would spread, and its place would be lost.
     let checked = |image| {
         EnvironmentMap::new(image).map_err(|source| EnvironmentIoError::Light {

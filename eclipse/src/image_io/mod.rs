@@ -2,6 +2,7 @@
 //!
 //! Everything read ends as linear [`Image`] values; everything written appears whole or not at all.
 
+mod clamped;
 mod color;
 mod environment;
 mod exr_colors;
@@ -22,8 +23,11 @@ use render::image::Image;
 
 use crate::files::{atomic, read_limited};
 
+pub use clamped::Clamped;
 pub use color::{ColorEncoding, linear_to_srgb, srgb_to_linear};
-pub use environment::{EnvironmentIoError, EnvironmentOptions, Rows, read_environment};
+pub use environment::{
+    EnvironmentIoError, EnvironmentOptions, Rows, read_environment, read_foreign_environment,
+};
 pub use header::{ImageSize, read_size};
 pub use name::{EXTENSIONS, stem};
 pub use openexr::{ExrFile, ExrOptions, Precision, decode_exr, encode_exr};

@@ -274,6 +274,7 @@ fn of_capture(
         problem,
     };
     inspection.warnings = warnings::all(&inspection);
+    inspection.warnings.extend(source.notes.iter().cloned());
     inspection.warnings.extend(unread);
     inspection
 }

@@ -11,6 +11,7 @@ mod looks;
 mod obj;
 mod ply;
 mod ply_header;
+mod polygon;
 mod raw;
 
 use std::{

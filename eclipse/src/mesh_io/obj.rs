@@ -1,4 +1,4 @@
-//! Wavefront OBJ: `v`, `vt`, `vn` and `f`, read raw (no axes are turned), polygons as fans; all else is passed over.
+//! Wavefront OBJ: `v`, `vt`, `vn` and `f`, read raw (no axes are turned), polygons as triangles; all else is passed over.
 
 use std::collections::HashMap;
 
@@ -121,11 +121,7 @@ impl Obj {
         if corners.len() < 3 {
             return Err(syntax("a face needs three vertices".into()));
         }
-        self.raw.room(0, corners.len() - 2)?;
-        self.raw
-            .faces
-            .extend((2..corners.len()).map(|i| [corners[0], corners[i - 1], corners[i]]));
-        Ok(())
+        self.raw.polygon(&corners)
     }
 
     fn vertex(&mut self, corner: [Option<usize>; 3]) -> Result<u32, MeshParseError> {

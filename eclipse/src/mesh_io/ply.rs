@@ -1,4 +1,4 @@
-//! Stanford PLY, ASCII and binary of both byte orders, read raw (no axes are turned); polygons as fans.
+//! Stanford PLY, ASCII and binary of both byte orders, read raw (no axes are turned); polygons as triangles.
 
 use glam::{Vec2, Vec3};
 use render::mesh::Mesh;
@@ -159,9 +159,7 @@ fn read_faces(element: &Element, data: &mut Data, raw: &mut RawMesh) -> Result<(
                 }
                 corners.push(value as u32);
             }
-            raw.room(0, corners.len().saturating_sub(2))?;
-            raw.faces
-                .extend((2..corners.len()).map(|i| [corners[0], corners[i - 1], corners[i]]));
+            raw.polygon(&corners)?;
         }
     }
     Ok(())

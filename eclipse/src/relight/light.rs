@@ -14,7 +14,9 @@ use render::{
 };
 
 use super::{RelightError, View};
-use crate::image_io::{EXTENSIONS, EnvironmentIoError, EnvironmentOptions, read_environment};
+use crate::image_io::{
+    Clamped, EXTENSIONS, EnvironmentIoError, EnvironmentOptions, read_foreign_environment,
+};
 
 /// Where Stanford-ORB keeps the maps of a scene's views.
 const BENCHMARK: &str = "env_map";
@@ -112,7 +114,7 @@ impl Lights {
         })
     }
 
-    /// The light of view `index`, which `camera` sees, in the world's axes.
+    /// The light of view `index`, which `camera` sees, in the world's axes, and what was changed of its map to make light of it.
     ///
     /// # Errors
     /// [`EnvironmentIoError`] names the file and what is wrong with it.
@@ -120,23 +122,27 @@ impl Lights {
         &self,
         index: usize,
         camera: &Camera,
-    ) -> Result<EnvironmentMap, EnvironmentIoError> {
+    ) -> Result<(EnvironmentMap, Option<Clamped>), EnvironmentIoError> {
         let path = &self.files[index];
         match self.axes {
-            Axes::World => read_environment(path, &self.options),
+            Axes::World => read_foreign_environment(path, &self.options),
             Axes::Camera => self.turned(path, camera),
         }
     }
 
     /// A map in the axes of `camera`, brought to the world's.
-    fn turned(&self, path: &Path, camera: &Camera) -> Result<EnvironmentMap, EnvironmentIoError> {
+    fn turned(
+        &self,
+        path: &Path,
+        camera: &Camera,
+    ) -> Result<(EnvironmentMap, Option<Clamped>), EnvironmentIoError> {
         // As it is stored: taken for a map of ours it is not moved, but averaged where it is large.
         let stored = EnvironmentOptions {
             convention: Some(Convention::Blender),
             rotate: 0.0,
             rows: self.options.rows,
         };
-        let map = read_environment(path, &stored)?;
+        let (map, clamped) = read_foreign_environment(path, &stored)?;
         let rows = map.grid().rows;
         let convention = self.options.convention.unwrap_or(OF_CAMERAS);
         let about = Mat3::from_rotation_z(self.options.rotate.to_radians());
@@ -148,10 +154,11 @@ impl Lights {
             .data
             .iter_mut()
             .for_each(|value| *value = value.max(0.0));
-        EnvironmentMap::new(turned).map_err(|source| EnvironmentIoError::Light {
+        let light = EnvironmentMap::new(turned).map_err(|source| EnvironmentIoError::Light {
             path: path.to_owned(),
             source,
-        })
+        })?;
+        Ok((light, clamped))
     }
 }
 
@@ -205,7 +212,7 @@ mod tests {
                 ..Default::default()
             };
             let lights = Lights::of_one(&path, &views, options, Axes::Camera);
-            let light = lights.read(0, &camera).unwrap();
+            let (light, _) = lights.read(0, &camera).unwrap();
             let of_world = camera.world_from_camera.transform_vector3(of_camera);
             assert!(light.radiance(of_world)[0] > 0.8, "{of_camera}");
             assert!(light.radiance(-of_world)[0] < 0.01, "{of_camera}");
@@ -218,7 +225,7 @@ mod tests {
                 ..options
             };
             let lights = Lights::of_one(&path, &views, options, Axes::Camera);
-            let light = lights.read(0, &camera).unwrap();
+            let (light, _) = lights.read(0, &camera).unwrap();
             let quarter = Mat3::from_rotation_z(TAU / 4.0) * of_world;
             assert!(light.radiance(quarter)[0] > 0.8, "{of_camera}");
         }

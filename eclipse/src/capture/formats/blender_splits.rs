@@ -12,6 +12,7 @@ use crate::capture::{
 pub(super) const FORMAT: Format = Format {
     name: "Blender's splits",
     sign: "transforms_train.json",
+    leaves_folder_open: false,
     read,
 };
 

@@ -31,6 +31,8 @@ pub struct Source {
     pub points: Option<PathBuf>,
     /// The file of the object's shape, where one was found: what was asked for, or the capture's own.
     pub mesh: Option<PathBuf>,
+    /// What was chosen where the capture leaves a choice, for whoever meant another: a sentence each.
+    pub notes: Vec<String>,
     /// Other files of the capture that might be meant, and are not used.
     pub other_meshes: Vec<PathBuf>,
 }
@@ -40,6 +42,8 @@ struct Format {
     name: &'static str,
     /// The file that tells a capture of this format, for people.
     sign: &'static str,
+    /// Whether it names photographs without the folder that they lie in.
+    leaves_folder_open: bool,
     /// Reads it, where its sign is there.
     read: fn(&Folder) -> Option<Result<Source, CaptureError>>,
 }
@@ -56,10 +60,17 @@ const FORMATS: [Format; 4] = [
 pub(super) fn read(folder: &Folder) -> Result<Source, CaptureError> {
     for format in FORMATS {
         if let Some(source) = (format.read)(folder) {
-            return source.map(|source| Source {
-                format: format.name,
-                ..source
-            });
+            let source = source?;
+            return match folder.images() {
+                Some(images) if !format.leaves_folder_open => Err(CaptureError::ImagesNamed {
+                    path: source.path,
+                    images: images.into(),
+                }),
+                _ => Ok(Source {
+                    format: format.name,
+                    ..source
+                }),
+            };
         }
     }
     let signs = FORMATS.map(|format| format!("{} ({})", format.sign, format.name));
@@ -92,6 +103,7 @@ fn source(path: &Path, transforms: Transforms) -> Source {
         left_out: 0,
         points: None,
         mesh: None,
+        notes: Vec::new(),
         other_meshes: Vec::new(),
     }
 }

@@ -15,6 +15,7 @@ use crate::capture::{
 pub(super) const FORMAT: Format = Format {
     name: "Blender/NeRF or nerfstudio",
     sign: "transforms.json",
+    leaves_folder_open: false,
     read,
 };
 

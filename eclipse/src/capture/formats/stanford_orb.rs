@@ -12,6 +12,7 @@ use crate::{
 pub(super) const FORMAT: Format = Format {
     name: "Stanford-ORB",
     sign: "transforms_train.json with train_mask",
+    leaves_folder_open: false,
     read,
 };
 

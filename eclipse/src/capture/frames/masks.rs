@@ -55,6 +55,19 @@ pub(super) fn of_file(image: &Image) -> Image {
     }
 }
 
+/// The brightest coverage of a mask of which nothing counts as the object, as its file has it: `40 of 255`; nothing for a black one.
+///
+/// That is what a file of labels looks like whose numbers go beyond [`LAST_LABEL`].
+pub(super) fn brightest(mask: &Image) -> Option<String> {
+    let brightest = mask.data.iter().copied().fold(0.0, f32::max);
+    let is_whole = |value: f32| (value - value.round()).abs() < 1e-3;
+    let counted = |steps: &f32| mask.data.iter().all(|value| is_whole(value * steps));
+    (brightest > 0.0).then(|| match STEPS.iter().find(|steps| counted(steps)) {
+        Some(steps) => format!("{:.0} of {steps}", brightest * steps),
+        None => format!("{brightest:.3} of 1"),
+    })
+}
+
 /// Whether all values are small whole numbers of steps: as coverage they would be an empty mask.
 fn are_labels(values: &[f32]) -> bool {
     STEPS.into_iter().any(|steps| {
@@ -88,6 +101,26 @@ mod tests {
         let coloured = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0].map(|label| label / 255.0);
         assert_eq!(of(3, &coloured), [1.0, 0.0]);
         assert_eq!(of(1, &[0.0, 0.0]), [0.0, 0.0]);
+    }
+
+    #[test]
+    fn the_brightest_of_a_mask_is_told_as_its_file_has_it() {
+        let told = |values: &[f32]| {
+            let image = Image {
+                width: values.len(),
+                height: 1,
+                channels: 1,
+                data: values.to_vec(),
+            };
+            brightest(&image)
+        };
+        assert_eq!(told(&[0.0, 0.0]), None);
+        assert_eq!(
+            told(&[0.0, 3.0 / 255.0, 40.0 / 255.0]).unwrap(),
+            "40 of 255"
+        );
+        assert_eq!(told(&[0.0, 9.0 / 65535.0]).unwrap(), "9 of 65535");
+        assert_eq!(told(&[0.0, 0.123_456]).unwrap(), "0.123 of 1");
     }
 
     #[test]

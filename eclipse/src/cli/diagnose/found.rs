@@ -39,6 +39,10 @@ pub(super) fn reconstruction_with(
     if let Some(side) = job.reading.max_size {
         command += &format!(" --max-size {side}");
     }
+    if let Some(images) = &job.reading.images {
+        let images = units::shell_word(&images.to_string_lossy());
+        command += &format!(" --images {images}");
+    }
     if lambertian {
         command += " --lambertian";
     }

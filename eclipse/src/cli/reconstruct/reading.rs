@@ -1,5 +1,7 @@
 //! How the files of a capture are read, as far as it was said: a run that goes on reads them as its beginning did.
 
+use std::path::PathBuf;
+
 use crate::{
     capture::{LoadOptions, UpAxis},
     checkpoint::{Array, Checkpoint},
@@ -8,14 +10,17 @@ use crate::{
 };
 
 /// What is told of it, in the order of its fields.
-const NAMES: [&str; 3] = ["color", "up", "max_size"];
+const NAMES: [&str; 4] = ["color", "up", "max_size", "images"];
+/// What checkpoints of before it was one of the settings tell of it.
+const NUMBERED: [&str; 3] = ["color", "up", "max_size"];
 
 /// What was said of each; nothing where nothing was.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(in crate::cli) struct Reading {
     pub color: Option<ColorName>,
     pub up: Option<UpAxis>,
     pub max_size: Option<u32>,
+    pub images: Option<PathBuf>,
 }
 
 impl Reading {
@@ -25,6 +30,7 @@ impl Reading {
             color: arguments.color,
             up: arguments.up,
             max_size: arguments.max_size,
+            images: arguments.images.clone(),
         }
     }
 
@@ -39,6 +45,7 @@ impl Reading {
             color: kept.color.as_deref().and_then(ColorName::named),
             up: kept.up.as_deref().and_then(|name| name.parse().ok()),
             max_size: kept.max_size,
+            images: kept.images.clone(),
         }
     }
 
@@ -51,13 +58,14 @@ impl Reading {
                 "`reading.{name}` is {said:?}, which is none that --{name} takes: correct it, or give --{name}"
             ))
         };
-        problem("color", &kept.color, told.or(typed).color.is_some())
-            .or_else(|| problem("up", &kept.up, told.or(typed).up.is_some()))
+        let known = told.or(typed);
+        problem("color", &kept.color, known.color.is_some())
+            .or_else(|| problem("up", &kept.up, known.up.is_some()))
     }
 
     /// As a checkpoint kept it before it was one of the settings: by numbers.
     fn of_arrays(begun: &Checkpoint) -> Self {
-        let [color, up, max_size] = NAMES.map(|name| match begun.arrays.get(name) {
+        let [color, up, max_size] = NUMBERED.map(|name| match begun.arrays.get(name) {
             Some(Array::U64(values)) if values.len() == 1 => usize::try_from(values[0]).ok(),
             _ => None,
         });
@@ -65,6 +73,7 @@ impl Reading {
             color: color.and_then(|kept| ColorName::ALL.get(kept).copied()),
             up: up.and_then(|kept| UpAxis::ALL.get(kept).copied()),
             max_size: max_size.and_then(|kept| u32::try_from(kept).ok()),
+            images: None,
         }
     }
 
@@ -74,15 +83,17 @@ impl Reading {
             color: self.color.or(begun.color),
             up: self.up.or(begun.up),
             max_size: self.max_size.or(begun.max_size),
+            images: self.images.or(begun.images),
         }
     }
 
     /// What `begun` says and this does not, as it would be typed.
-    pub fn inherited(self, begun: Self) -> Vec<String> {
+    pub fn inherited(&self, begun: &Self) -> Vec<String> {
         let options = [
             ("--color", self.color.is_none(), begun.color()),
             ("--up", self.up.is_none(), begun.up()),
             ("--max-size", self.max_size.is_none(), begun.max_size()),
+            ("--images", self.images.is_none(), begun.images()),
         ];
         let untyped = options.into_iter().filter(|(_, untyped, _)| *untyped);
         let told = untyped.filter_map(|(option, _, told)| Some([option.to_owned(), told?]));
@@ -90,12 +101,13 @@ impl Reading {
     }
 
     /// The first in which two differ: its name, what this says and what `other` says.
-    pub fn differing(self, other: Self) -> Option<(&'static str, String, String)> {
-        let said = |reading: Self| {
+    pub fn differing(&self, other: &Self) -> Option<(&'static str, String, String)> {
+        let said = |reading: &Self| {
             [
                 reading.color().unwrap_or("what the capture says".into()),
                 reading.up().unwrap_or(UpAxis::default().name().into()),
                 reading.max_size().unwrap_or("none".into()),
+                reading.images().unwrap_or("the capture's own".into()),
             ]
         };
         let both = said(self).into_iter().zip(said(other));
@@ -110,6 +122,7 @@ impl Reading {
             color_encoding: self.color.map(ColorName::encoding),
             up: self.up.unwrap_or_default(),
             max_size: self.max_size.map(|side| side as usize),
+            images: self.images,
             ..options
         }
     }
@@ -120,19 +133,25 @@ impl Reading {
             color: self.color(),
             up: self.up(),
             max_size: self.max_size,
+            images: self.images,
         }
     }
 
-    fn color(self) -> Option<String> {
+    fn color(&self) -> Option<String> {
         self.color.map(|color| color.name().to_owned())
     }
 
-    fn up(self) -> Option<String> {
+    fn up(&self) -> Option<String> {
         self.up.map(|axis| axis.name().into())
     }
 
-    fn max_size(self) -> Option<String> {
+    fn max_size(&self) -> Option<String> {
         self.max_size.map(|side| side.to_string())
+    }
+
+    fn images(&self) -> Option<String> {
+        let folder = self.images.as_ref();
+        folder.map(|folder| folder.to_string_lossy().into_owned())
     }
 }
 
@@ -167,8 +186,9 @@ mod tests {
                     color,
                     up: Some(up),
                     max_size: Some(512),
+                    images: Some("my photos".into()),
                 };
-                assert_eq!(kept(reading), reading);
+                assert_eq!(kept(reading.clone()), reading);
             }
         }
     }
@@ -182,6 +202,7 @@ mod tests {
             color: Some(ColorName::Srgb),
             up: Some(UpAxis::NegY),
             max_size: Some(512),
+            images: None,
         };
         assert_eq!(Reading::of(&begun), expected);
     }
@@ -192,23 +213,25 @@ mod tests {
             color: Some(ColorName::Linear),
             up: Some(UpAxis::NegY),
             max_size: Some(512),
+            images: Some("photos".into()),
         };
         let typed = Reading {
             up: Some(UpAxis::X),
             ..Reading::default()
         };
-        let both = typed.or(begun);
+        let both = typed.clone().or(begun.clone());
         assert_eq!(both.up, Some(UpAxis::X));
         assert_eq!((both.color, both.max_size), (begun.color, begun.max_size));
-        let inherited = typed.inherited(begun).join(" ");
-        assert_eq!(inherited, "--color linear --max-size 512");
-        let (name, then, now) = begun.differing(both).unwrap();
+        assert_eq!(both.images, begun.images);
+        let inherited = typed.inherited(&begun).join(" ");
+        assert_eq!(inherited, "--color linear --max-size 512 --images photos");
+        let (name, then, now) = begun.differing(&both).unwrap();
         assert_eq!((name, &*then, &*now), ("up", "-y", "x"));
         // To say what is meant anyway changes nothing.
         let z = Reading {
             up: Some(UpAxis::Z),
             ..Reading::default()
         };
-        assert_eq!(z.differing(Reading::default()), None);
+        assert_eq!(z.differing(&Reading::default()), None);
     }
 }

@@ -33,11 +33,11 @@ impl Chosen {
             Some(begun) => {
                 let (settings, mut inherited) = continued(&now, &begun.settings, &typed(words));
                 let kept = Reading::of(begun);
-                inherited.extend(typed_reading.inherited(kept));
+                inherited.extend(typed_reading.inherited(&kept));
                 (settings, typed_reading.or(kept), inherited)
             }
         };
-        settings.reading = reading.kept();
+        settings.reading = reading.clone().kept();
         Self {
             settings,
             reading,
@@ -48,7 +48,8 @@ impl Chosen {
     /// What the capture is loaded with.
     pub fn options(&self, arguments: &ReconstructArguments) -> LoadOptions {
         let mesh = self.settings.mesh.as_deref();
-        self.reading.into_options(arguments.reading.options(mesh))
+        let options = arguments.reading.options(mesh);
+        self.reading.clone().into_options(options)
     }
 
     /// Whether the run that left `begun` can go on so.
@@ -57,7 +58,7 @@ impl Chosen {
     /// As [`Checkpoint::check`]; files that are read otherwise are told apart from another capture.
     pub fn check(&self, begun: &Checkpoint, capture: &Capture) -> Result<(), CheckpointError> {
         let checked = begun.check(&self.settings, checkpoint::fingerprint(capture));
-        let differing = Reading::of(begun).differing(self.reading);
+        let differing = Reading::of(begun).differing(&self.reading);
         match (checked, differing) {
             (Err(CheckpointError::OtherCapture), Some((field, then, now))) => {
                 Err(CheckpointError::OtherSettings {
@@ -261,12 +262,19 @@ mod tests {
 
     #[test]
     fn settings_say_how_files_are_read() {
-        let then = chosen("--up -y --max-size 512", Settings::default()).settings;
+        let then = chosen(
+            "--up -y --max-size 512 --images photos",
+            Settings::default(),
+        )
+        .settings;
         assert_eq!(then.reading.up.as_deref(), Some("-y"));
         let reading = then.reading.clone();
         let kept = chosen("--resume", then);
         assert_eq!(kept.settings.reading, reading);
-        assert_eq!(kept.inherited.join(" "), "--up -y --max-size 512");
+        assert_eq!(
+            kept.inherited.join(" "),
+            "--up -y --max-size 512 --images photos"
+        );
     }
 
     #[test]

@@ -1,12 +1,15 @@
-//! COLMAP's sparse models: `cameras`, `images` and `points3D`, binary or text, in `sparse/0` or the folder itself.
+//! COLMAP's sparse models: `cameras`, `images` and `points3D`, binary or text, in `sparse/0` or the folder itself; of several
+//! (`sparse/0`, `sparse/1`, …) the one with the most images is read.
 //!
-//! The files are described at <https://colmap.github.io/format.html>. Photographs lie in `images/`, masks in `masks/` (under
+//! The files are described at <https://colmap.github.io/format.html>. Photographs lie in `images/`, or where
+//! [`LoadOptions::images`](crate::capture::LoadOptions::images) says, masks in `masks/` (under
 //! COLMAP's name, `NAME.png` added to the whole file name, or the photograph's own). Poses become camera to world with OpenGL
 //! axes; the model's frame is kept, in which the mesh must be. Which way is up in it is arbitrary, where nobody aligned the model:
 //! [`LoadOptions::up`](crate::capture::LoadOptions::up) says it.
 
 mod binary;
 mod camera;
+mod models;
 mod text;
 
 use std::{
@@ -16,12 +19,13 @@ use std::{
 
 use glam::{DMat3, DQuat, DVec3, Vec3};
 
+use self::models::Chosen;
 use super::{Format, Source, source};
 use crate::{
     capture::{
         CaptureError,
-        error::At,
-        paths::Folder,
+        error::{At, all_good},
+        paths::{Folder, IMAGES},
         transforms::{Intrinsics, Transforms, TransformsFrame},
     },
     files::read_limited,
@@ -31,14 +35,12 @@ use crate::{
 pub(super) const FORMAT: Format = Format {
     name: "COLMAP",
     sign: "sparse/0/images.bin or .txt",
+    leaves_folder_open: true,
     read,
 };
 
 /// Largest file of a model that is read, in bytes.
 pub const MAX_MODEL: u64 = 1 << 31;
-
-/// Where a model may lie in a capture.
-const PLACES: [&str; 3] = ["sparse/0", "sparse", "."];
 
 /// How the files of a model are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,14 +96,16 @@ impl Problem {
 }
 
 fn read(folder: &Folder) -> Option<Result<Source, CaptureError>> {
-    let places = PLACES.map(|place| folder.path().join(place));
-    let (place, encoding) = places.iter().find_map(|place| {
-        let encoding = Encoding::ALL
-            .into_iter()
-            .find(|encoding| file(place, "images", *encoding).is_file());
-        encoding.map(|encoding| (place, encoding))
-    })?;
-    Some(read_model(folder, place, encoding))
+    let Chosen {
+        place,
+        encoding,
+        note,
+    } = models::choose(folder)?;
+    let source = read_model(folder, &place, encoding);
+    Some(source.map(|source| Source {
+        notes: note.into_iter().collect(),
+        ..source
+    }))
 }
 
 fn read_model(folder: &Folder, place: &Path, encoding: Encoding) -> Result<Source, CaptureError> {
@@ -117,9 +121,14 @@ fn read_model(folder: &Folder, place: &Path, encoding: Encoding) -> Result<Sourc
         encoding,
         [&cameras, &images],
     )?;
-    for frame in &mut transforms.frames {
-        locate(folder, &images, frame)?;
+    if !folder.is_for_cameras() && !folder.has_folder(IMAGES) {
+        return Err(CaptureError::NoImages {
+            path: images,
+            folder: folder.path().join(IMAGES),
+        });
     }
+    let frames = transforms.frames.iter_mut();
+    all_good(&images, frames.map(|frame| locate(folder, &images, frame)))?;
     Ok(Source {
         points: points.is_file().then_some(points),
         ..source(&images, transforms)
@@ -140,7 +149,10 @@ fn read_file(path: &Path) -> Result<Vec<u8>, CaptureError> {
 /// Gives a frame the paths of its photograph and its mask, in place of the bare name that the model has.
 fn locate(folder: &Folder, path: &Path, frame: &mut TransformsFrame) -> Result<(), CaptureError> {
     let name = std::mem::take(&mut frame.file_path);
-    frame.file_path = format!("images/{name}");
+    frame.file_path = format!("{IMAGES}{name}");
+    if folder.is_for_cameras() {
+        return Ok(());
+    }
     let at = At { path, frame: &name };
     folder.image(at, "NAME", &frame.file_path)?;
     if folder.path().join("masks").is_dir() {
