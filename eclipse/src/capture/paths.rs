@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::{CaptureError, error::At, transforms::Transforms};
+use crate::files::slashed;
 
 /// Image extensions that are tried for a `file_path` without one.
 const EXTENSIONS: [&str; 10] = [
@@ -153,8 +154,7 @@ impl Folder {
     }
 
     fn join(&self, name: &str) -> PathBuf {
-        // Files made on Windows may carry its separators.
-        self.path.join(name.replace('\\', "/"))
+        self.path.join(slashed(name))
     }
 
     /// Refuses what leads out of the folder, by dots, as an absolute path or through links.
