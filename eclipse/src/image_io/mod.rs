@@ -22,7 +22,7 @@ use render::image::Image;
 
 use crate::files::{atomic, read_limited};
 
-pub use color::{ColorEncoding, linear_to_srgb, srgb_to_linear};
+pub use color::{ColorEncoding, linear_to_srgb, srgb_to_linear, white};
 pub use environment::{EnvironmentIoError, EnvironmentOptions, Rows, read_environment};
 pub use header::{ImageSize, read_size};
 pub use name::{EXTENSIONS, stem};
