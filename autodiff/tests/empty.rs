@@ -65,6 +65,10 @@ fn run<S: Scalar>(pixels: usize, each: usize, texels: usize, frames: usize) {
         program.hvp(&mut ws, "loss", &direction).unwrap();
         program.forward(&mut ws).unwrap();
         assert_eq!(program.find_non_finite(&mut ws).unwrap(), None);
+        assert_eq!(
+            program.find_non_finite_gradient(&mut ws, "loss").unwrap(),
+            None
+        );
         assert!(
             program
                 .find_singularities(&mut ws, "loss")
