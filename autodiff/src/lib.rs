@@ -104,7 +104,7 @@ mod program;
 mod real;
 mod run;
 
-pub use custom::{CustomOp, FirstOrderOnly};
+pub use custom::{CustomOp, CustomVecOp, FirstOrderOnly};
 pub use dual::Dual;
 pub use error::{GraphError, RunError};
 pub use graph::{
