@@ -1,5 +1,7 @@
 //! Elementwise operations supplied by the user.
 
+use std::sync::Arc;
+
 use crate::dual::Dual;
 use crate::real::{Fma, Real};
 
@@ -12,6 +14,19 @@ pub trait CustomOp<const N: usize>: Send + Sync + 'static {
     fn name(&self) -> &'static str;
     /// The value. Deterministic, and without side effects: it is recomputed at will.
     fn eval<R: Real, F: Fma>(&self, x: [R; N]) -> R;
+}
+
+/// `M` elementwise functions of the same `N` operands, written together: a vector for each lane.
+///
+/// Use it with [`crate::Graph::custom_vec`]. Each result is a [`CustomOp`] of its own, which runs the whole of `eval` and keeps its
+/// part, on the way back once for each operand: a gradient through all of them runs it `M (1 + N)` times on a lane, and `M` times
+/// more where values are computed again. Results that nothing needs cost nothing. Where what they share is dear, record that first,
+/// by primitives or as a [`CustomOp`], and have the results take it as an operand.
+pub trait CustomVecOp<const N: usize, const M: usize>: Send + Sync + 'static {
+    /// The name shown in messages.
+    fn name(&self) -> &'static str;
+    /// The values. Deterministic, and without side effects: they are recomputed at will.
+    fn eval<R: Real, F: Fma>(&self, x: [R; N]) -> [R; M];
 }
 
 /// An elementwise function whose first derivatives alone are known: Hessian-vector products through it are an error.
@@ -49,6 +64,21 @@ pub(crate) enum Call<'a, R> {
         target: &'a mut [R],
         add: bool,
     },
+}
+
+/// One result of a [`CustomVecOp`].
+pub(crate) struct Component<T, const N: usize, const M: usize> {
+    pub op: Arc<T>,
+    pub at: usize,
+}
+
+impl<T: CustomVecOp<N, M>, const N: usize, const M: usize> CustomOp<N> for Component<T, N, M> {
+    fn name(&self) -> &'static str {
+        self.op.name()
+    }
+    fn eval<R: Real, F: Fma>(&self, x: [R; N]) -> R {
+        self.op.eval::<R, F>(x)[self.at]
+    }
 }
 
 /// Adapts a [`CustomOp`].

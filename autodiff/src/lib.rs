@@ -63,8 +63,8 @@
 //! A derivative of exactly 0 contributes exactly 0, whatever it is multiplied with, in both directions and in every operation: the
 //! branch of a [`Mask::select`] that is not taken contributes nothing, even if it holds a NaN, and a lane whose result is masked
 //! adds nothing to the weights of a network. What is not masked is not clamped either; [`Program::find_non_finite`] tells where a
-//! NaN or an infinity in an output began, and [`Program::find_singularities`] (strict mode) where a derivative was infinite,
-//! masked or not.
+//! NaN or an infinity in an output began, [`Program::find_non_finite_gradient`] the same of a gradient, and
+//! [`Program::find_singularities`] (strict mode) every place where a derivative was infinite, masked or not.
 //!
 //! | operation | value | derivative |
 //! | --- | --- | --- |
@@ -104,7 +104,7 @@ mod program;
 mod real;
 mod run;
 
-pub use custom::{CustomOp, FirstOrderOnly};
+pub use custom::{CustomOp, CustomVecOp, FirstOrderOnly};
 pub use dual::Dual;
 pub use error::{GraphError, RunError};
 pub use graph::{
@@ -114,6 +114,6 @@ pub use linear_map::LinearMap;
 pub use program::Program;
 pub use real::{Fma, Real, Scalar};
 pub use run::{
-    Explanation, GradCheck, GradReport, Memory, NodeCost, NonFinite, ParamCheck, Singularity,
-    Sizes, Workspace,
+    Explanation, GradCheck, GradReport, Memory, NodeCost, NonFinite, NonFiniteAdjoint, ParamCheck,
+    Singularity, Sizes, Workspace,
 };

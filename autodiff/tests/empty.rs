@@ -1,28 +1,11 @@
 //! Domains of no lanes or one, and segments of none, in every mode.
 
+mod common;
+
 use std::sync::Arc;
 
-use autodiff::{Graph, LinearMap, Program, Scalar, Sizes, Var};
-
-struct Identity(usize);
-
-impl LinearMap for Identity {
-    fn shape(&self) -> (usize, usize) {
-        (self.0, self.0)
-    }
-    fn apply_f32(&self, _: usize, input: &[f32], output: &mut [f32]) {
-        output.copy_from_slice(input);
-    }
-    fn apply_transpose_f32(&self, _: usize, input: &[f32], output: &mut [f32]) {
-        output.copy_from_slice(input);
-    }
-    fn apply_f64(&self, _: usize, input: &[f64], output: &mut [f64]) {
-        output.copy_from_slice(input);
-    }
-    fn apply_transpose_f64(&self, _: usize, input: &[f64], output: &mut [f64]) {
-        output.copy_from_slice(input);
-    }
-}
+use autodiff::{Graph, Program, Scalar, Sizes, Var};
+use common::Identity;
 
 /// Every operation that knows of lanes.
 fn program(texels: usize) -> Program {
@@ -82,6 +65,10 @@ fn run<S: Scalar>(pixels: usize, each: usize, texels: usize, frames: usize) {
         program.hvp(&mut ws, "loss", &direction).unwrap();
         program.forward(&mut ws).unwrap();
         assert_eq!(program.find_non_finite(&mut ws).unwrap(), None);
+        assert_eq!(
+            program.find_non_finite_gradient(&mut ws, "loss").unwrap(),
+            None
+        );
         assert!(
             program
                 .find_singularities(&mut ws, "loss")

@@ -1,8 +1,11 @@
 //! Mistakes are returned, with the operation as it was written, both operands and what to do; none of them panics.
 
+mod common;
+
 use std::sync::Arc;
 
-use autodiff::{Detached, Graph, GraphError, LinearMap, RunError, Sizes, Var};
+use autodiff::{Detached, Graph, GraphError, RunError, Sizes, Var};
+use common::Identity;
 
 /// The first mistake of what `record` records besides a sound output.
 fn mistake(record: impl FnOnce(&Graph)) -> GraphError {
@@ -245,26 +248,6 @@ fn a_label_on_a_parameter_leaves_its_name() {
     ws.set("x", &[f64::NAN]).unwrap();
     let found = program.find_non_finite(&mut ws).unwrap().unwrap();
     assert_eq!(found.origin, "brightness");
-}
-
-struct Identity(usize);
-
-impl LinearMap for Identity {
-    fn shape(&self) -> (usize, usize) {
-        (self.0, self.0)
-    }
-    fn apply_f32(&self, _: usize, input: &[f32], output: &mut [f32]) {
-        output.copy_from_slice(input);
-    }
-    fn apply_transpose_f32(&self, _: usize, input: &[f32], output: &mut [f32]) {
-        output.copy_from_slice(input);
-    }
-    fn apply_f64(&self, _: usize, input: &[f64], output: &mut [f64]) {
-        output.copy_from_slice(input);
-    }
-    fn apply_transpose_f64(&self, _: usize, input: &[f64], output: &mut [f64]) {
-        output.copy_from_slice(input);
-    }
 }
 
 /// What another graph offers, all of it further on than anything of an empty one.

@@ -1,8 +1,10 @@
 //! What helps to find a mistake: `gradcheck`, strict mode, `explain`.
 
-use std::sync::Arc;
+#[path = "common/steps.rs"]
+mod steps;
 
-use autodiff::{FirstOrderOnly, GradCheck, Graph, LinearMap, Program, Sizes, Var, Workspace};
+use autodiff::{FirstOrderOnly, GradCheck, Graph, Program, Sizes, Var, Workspace};
+use steps::{STEPS, bound};
 
 fn check(record: impl Fn(&Graph, &Var) -> Var) -> autodiff::GradReport {
     let g = Graph::new();
@@ -249,63 +251,9 @@ fn strict_mode_looks_at_products_of_many() {
     }
 }
 
-struct Sum;
-
-impl LinearMap for Sum {
-    fn shape(&self) -> (usize, usize) {
-        (6, 1)
-    }
-    fn apply_f32(&self, _: usize, _: &[f32], _: &mut [f32]) {}
-    fn apply_transpose_f32(&self, _: usize, _: &[f32], _: &mut [f32]) {}
-    fn apply_f64(&self, columns: usize, input: &[f64], output: &mut [f64]) {
-        output.fill(0.0);
-        for row in input.chunks_exact(columns) {
-            output.iter_mut().zip(row).for_each(|(o, x)| *o += x);
-        }
-    }
-    fn apply_transpose_f64(&self, columns: usize, input: &[f64], output: &mut [f64]) {
-        output
-            .chunks_exact_mut(columns)
-            .for_each(|row| row.copy_from_slice(input));
-    }
-}
-
 #[test]
 fn the_origin_is_followed_through_every_operation() {
-    type Step = fn(&Graph, &Var, &autodiff::Domain) -> Var;
-    // Of a value with two channels and an axis, per sample.
-    let steps: [(&str, Step); 14] = [
-        ("nothing", |_, x, _| x.clone()),
-        ("elementwise", |_, x, _| (x * 2.0 - x.square()).exp()),
-        ("min", |_, x, _| x.min(&(x + 1.0)).max(x)),
-        ("channels", |_, x, _| {
-            Var::stack(&[&x.channel(0), x, &x.channel(1)])
-        }),
-        ("axis", |_, x, _| x.sum_axis() * x.sum_channels()),
-        ("max", |_, x, _| x.log_sum_exp()),
-        ("segments", |_, x, _| {
-            x.segment_sum().square() + x.segment_mean()
-        }),
-        ("dot", |_, x, _| x.segment_dot(&x.sum_axis())),
-        ("lanes", |_, x, _| x.sum_lanes() * x),
-        ("expand", |_, x, sample| x.segment_mean().expand(sample)),
-        ("gather", |g, x, sample| {
-            x.gather(&g.index("i", sample, sample))
-        }),
-        ("interpolate", |g, x, sample| {
-            let (i, j) = (g.index("i", sample, sample), g.index("j", sample, sample));
-            let half: autodiff::Detached = g.constant(0.5);
-            x.gather_weighted(&[(&i, &half), (&j, &half)])
-        }),
-        ("layer", |g, x, _| {
-            let weight = g.param("weight", &g.uniform(), 6);
-            x.sum_axis().matmul(&weight, None)
-        }),
-        ("map", |g, x, _| {
-            x.linear_map(&g.domain("one"), Arc::new(Sum))
-        }),
-    ];
-    for (name, step) in steps {
+    for (name, step) in STEPS {
         let g = Graph::new();
         let pixel = g.domain("pixel");
         let sample = g.segments("sample", &pixel);
@@ -314,27 +262,11 @@ fn the_origin_is_followed_through_every_operation() {
         let bad = x.sqrt().label("bad");
         let y = step(&g, &bad, &sample);
         let program = g.compile(&[("loss", &y.sum()), ("y", &y)]).unwrap();
-        let mut sizes = Sizes::new()
-            .lanes("pixel", 2)
-            .per_parent("sample", 3)
-            .axis("frame", 5);
-        if name == "map" {
-            sizes = sizes.lanes("one", 1);
-        }
-        let mut ws = program.workspace::<f64>(&sizes).unwrap();
+        let mut ws = bound(&program, name);
         let mut values = vec![0.25; 60];
         // Channel 1, lane 4, position 2.
         values[(6 + 4) * 5 + 2] = -1.0;
         ws.set("x", &values).unwrap();
-        if ["gather", "interpolate"].contains(&name) {
-            ws.set_index("i", &[5, 4, 3, 2, 1, 0]).unwrap();
-        }
-        if name == "interpolate" {
-            ws.set_index("j", &[0; 6]).unwrap();
-        }
-        if name == "layer" {
-            ws.set("weight", &[0.5; 6]).unwrap();
-        }
         let found = program.find_non_finite(&mut ws).unwrap().expect(name);
         let place = (
             found.origin.as_str(),

@@ -1,6 +1,9 @@
 //! Hessian-vector products, and operations that users write.
 
-use autodiff::{CustomOp, FirstOrderOnly, Fma, Graph, Program, Real, RunError, Sizes, Workspace};
+use autodiff::{
+    CustomOp, CustomVecOp, FirstOrderOnly, Fma, GradCheck, Graph, GraphError, Program, Real,
+    RunError, Sizes, Var, Workspace,
+};
 use proptest::prelude::*;
 use proptest::test_runner::FileFailurePersistence;
 
@@ -199,5 +202,101 @@ fn a_first_order_operation_that_no_gradient_passes_is_no_obstacle() {
             program.hvp(&mut ws, "cube", &ones),
             Err(RunError::FirstOrderOnly { .. })
         ));
+    }
+}
+
+/// The product and the quotient of two numbers, and the sine of the first.
+struct Three;
+
+impl CustomVecOp<2, 3> for Three {
+    fn name(&self) -> &'static str {
+        "three"
+    }
+    fn eval<R: Real, F: Fma>(&self, [a, b]: [R; 2]) -> [R; 3] {
+        [a * b, a / b, a.sin::<F>()]
+    }
+}
+
+#[test]
+fn an_operation_of_several_results_is_that_of_primitives() {
+    type Record = fn(&Graph, &Var, &Var) -> [Var; 3];
+    let records: [Record; 2] = [
+        |g, a, b| g.custom_vec(Three, [a, b]),
+        |_, a, b| [a * b, a / b, a.sin()],
+    ];
+    let run = |record: Record| {
+        let g = Graph::new();
+        let lane = g.domain("lane");
+        // Broadcast over channels.
+        let (a, b) = (g.param("a", &lane, 3), g.param("b", &lane, 1));
+        let [product, quotient, sine] = record(&g, &a, &b);
+        let loss = (product.exp() * sine + quotient.square()).sum();
+        let program = g.compile(&[("loss", &loss)]).unwrap();
+        let sizes = Sizes::new().lanes("lane", 700);
+        let mut ws = program.workspace::<f64>(&sizes).unwrap();
+        ws.set("a", &numbers(3, 2100)).unwrap();
+        let b: Vec<f64> = numbers(4, 700).iter().map(|b| b + 1.0).collect();
+        ws.set("b", &b).unwrap();
+        let report = program
+            .gradcheck(&mut ws, "loss", &GradCheck::default())
+            .unwrap();
+        assert!(report.passed(), "{report}");
+        let direction = (numbers(5, 2100), numbers(6, 700));
+        let direction: [(&str, &[f64]); 2] = [("a", &direction.0), ("b", &direction.1)];
+        program.jvp(&mut ws, &direction).unwrap();
+        let mut all = ws.tangent("loss").unwrap().to_vec();
+        program.hvp(&mut ws, "loss", &direction).unwrap();
+        for name in ["a", "b"] {
+            all.extend_from_slice(ws.gradient(name).unwrap());
+            all.extend_from_slice(ws.hessian_product(name).unwrap());
+        }
+        program.forward(&mut ws).unwrap();
+        all.extend_from_slice(ws.output("loss").unwrap());
+        all
+    };
+    for (own, primitive) in run(records[0]).iter().zip(run(records[1])) {
+        let scale = primitive.abs().max(1.0);
+        assert!(
+            (own - primitive).abs() <= 1e-11 * scale,
+            "{own} for {primitive}"
+        );
+    }
+}
+
+#[test]
+fn results_that_nothing_needs_are_not_computed() {
+    let g = Graph::new();
+    let lane = g.domain("lane");
+    let (a, b) = (g.param("a", &lane, 1), g.param("b", &lane, 1));
+    let [_, quotient, _] = g.custom_vec(Three, [&a, &b]);
+    let program = g.compile(&[("y", &quotient.label("quotient"))]).unwrap();
+    let sizes = Sizes::new().lanes("lane", 2);
+    let mut ws = program.workspace::<f64>(&sizes).unwrap();
+    ws.set("a", &[1.0, 2.0]).unwrap();
+    ws.set("b", &[2.0, 2.0]).unwrap();
+    let explained = program.explain(&mut ws, "y").unwrap();
+    let custom = explained.nodes.iter().filter(|node| node.op == "three");
+    assert_eq!(custom.count(), 1, "{explained}");
+    assert_eq!(ws.output("y").unwrap(), [0.5, 1.0]);
+}
+
+#[test]
+fn operands_of_several_results_are_checked_as_those_of_one() {
+    let g = Graph::new();
+    let (a, b) = (
+        g.param("a", &g.domain("lane"), 1),
+        g.param("b", &g.domain("other"), 1),
+    );
+    let [product, ..] = g.custom_vec(Three, [&a, &b]);
+    let error = g.compile(&[("y", &product)]).err().expect("a mistake");
+    assert!(matches!(error, GraphError::ShapeMismatch { .. }), "{error}");
+    let text = error.to_string();
+    for word in [
+        "`three`",
+        "`a` (lane)",
+        "`b` (other)",
+        "tests/second_order.rs:",
+    ] {
+        assert!(text.contains(word), "`{word}` is missing: {text}");
     }
 }

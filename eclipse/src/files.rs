@@ -32,6 +32,11 @@ pub fn read_limited(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
+/// A path that a file gives, with its folders by `/`: files made on Windows may carry its separators.
+pub fn slashed(path: &str) -> String {
+    path.replace('\\', "/")
+}
+
 /// The folder that `path` lies in: the present one, where it is a name alone.
 pub fn folder_of(path: &Path) -> &Path {
     path.parent()

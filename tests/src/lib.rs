@@ -4,12 +4,15 @@ pub mod browser;
 pub mod capture_turned;
 pub mod colmap_model;
 pub mod lit_ball;
+pub mod on_disk;
 pub mod painted;
 pub mod perfect;
+pub mod planted;
 pub mod program;
 pub mod scenes;
 pub mod small_capture;
 pub mod statistics;
+pub mod tetrahedron;
 
 use std::io::Write;
 

@@ -2,6 +2,7 @@
 
 mod criticism;
 mod diagnosed;
+mod effects_found;
 mod lamps;
 mod located;
 mod simulation;

@@ -2,14 +2,10 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 use std::panic::Location;
-use std::sync::Arc;
 
 use super::array::{Array, Detached, Join, Kind, Mask};
 use super::node::{Op, Shape};
-use super::record::Graph;
-use crate::custom::{CustomOp, Erased, FirstOrderOnly, Limited, Smooth};
 use crate::op::Element;
-use crate::run::OPERANDS;
 
 macro_rules! binary_operator {
     ($trait:ident, $method:ident) => {
@@ -367,43 +363,5 @@ impl<A: Kind> Array<A> {
             &[(&self.graph, self.id), (&other.graph, other.id)],
             location,
         )
-    }
-}
-
-impl Graph {
-    /// A user's elementwise operation on one to eight operands, broadcast as in arithmetic.
-    #[track_caller]
-    pub fn custom<A: Kind, const N: usize>(
-        &self,
-        op: impl CustomOp<N>,
-        operands: [&Array<A>; N],
-    ) -> Array<A> {
-        self.apply_custom(Arc::new(Smooth(op)), operands, Location::caller())
-    }
-
-    /// The same, for an operation whose first derivatives alone are known.
-    #[track_caller]
-    pub fn custom_first_order<A: Kind, const N: usize>(
-        &self,
-        op: impl FirstOrderOnly<N>,
-        operands: [&Array<A>; N],
-    ) -> Array<A> {
-        self.apply_custom(Arc::new(Limited(op)), operands, Location::caller())
-    }
-
-    fn apply_custom<A: Kind, const N: usize>(
-        &self,
-        op: Arc<dyn Erased>,
-        operands: [&Array<A>; N],
-        location: &'static Location<'static>,
-    ) -> Array<A> {
-        if N == 0 || N > OPERANDS {
-            let nothing: Array<A> = self.constant(0.0);
-            nothing.reject(op.name(), location, "give one to eight operands");
-            return nothing;
-        }
-        let operands = operands.map(|operand| (&operand.graph, operand.id));
-        let name = op.name();
-        Array::<A>::broadcast_together(self, Op::Custom(op), name, &operands, location)
     }
 }

@@ -2,6 +2,7 @@
 
 mod arithmetic;
 mod array;
+mod custom;
 mod handles;
 mod leaves;
 mod masks;

@@ -49,6 +49,13 @@ pub(crate) struct Pull {
     pub kind: PullKind,
 }
 
+impl Pull {
+    /// Whether it is of this operand of `user`.
+    pub fn is(&self, target: NodeId, user: NodeId) -> bool {
+        (self.target, self.user) == (target, user)
+    }
+}
+
 /// Which lanes of the target a chunk of lanes contributes to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum PullKind {

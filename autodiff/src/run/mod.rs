@@ -25,6 +25,7 @@ mod matmul;
 mod memory;
 mod modes;
 mod origin;
+mod origin_adjoint;
 mod passes;
 mod plan;
 mod replay;
@@ -44,7 +45,7 @@ mod zero;
 
 pub use explain::{Explanation, NodeCost};
 pub use gradcheck::{GradCheck, GradReport, ParamCheck};
-pub use inspect::NonFinite;
+pub use inspect::{NonFinite, NonFiniteAdjoint};
 pub use memory::Memory;
 pub use modes::Engine;
 pub use sizes::Sizes;

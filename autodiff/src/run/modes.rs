@@ -1,7 +1,7 @@
 //! The ways to run a program: forward, reverse, tangent, and the Gauss-Newton product of both.
 
 use super::driver::State;
-use super::inspect::NonFinite;
+use super::inspect::{NonFinite, NonFiniteAdjoint};
 use super::lane::Lane;
 use super::sizes::{Extent, Sizes};
 use super::walk::Observer;
@@ -35,6 +35,12 @@ pub trait Engine: Lane {
     fn find_non_finite(state: &mut State<Self>, program: &Program) -> Option<NonFinite>;
     #[doc(hidden)]
     #[allow(private_interfaces)]
+    fn find_non_finite_adjoint(
+        state: &mut State<Self>,
+        program: &Program,
+    ) -> Option<NonFiniteAdjoint>;
+    #[doc(hidden)]
+    #[allow(private_interfaces)]
     fn walk(state: &mut State<Self>, program: &Program, observer: &mut dyn Observer<Self>);
 }
 
@@ -59,6 +65,12 @@ macro_rules! engine {
             }
             fn find_non_finite(state: &mut State<Self>, program: &Program) -> Option<NonFinite> {
                 state.find_non_finite(program)
+            }
+            fn find_non_finite_adjoint(
+                state: &mut State<Self>,
+                program: &Program,
+            ) -> Option<NonFiniteAdjoint> {
+                state.find_non_finite_adjoint(program)
             }
             fn walk(state: &mut State<Self>, program: &Program, observer: &mut dyn Observer<Self>) {
                 state.walk(program, observer)

@@ -14,11 +14,11 @@ use crate::program::Program;
 
 /// One element of a node.
 #[derive(Clone, Copy)]
-struct Spot {
-    id: NodeId,
-    channel: usize,
-    lane: usize,
-    position: usize,
+pub(super) struct Spot {
+    pub id: NodeId,
+    pub channel: usize,
+    pub lane: usize,
+    pub position: usize,
 }
 
 /// Some elements of a node.
@@ -312,7 +312,7 @@ impl<R: Lane> State<R> {
     }
 
     /// Names and values of the operands of an element, as far as they lie where it does.
-    fn operands(&self, program: &Program, at: Spot) -> Vec<(String, f64)> {
+    pub(super) fn operands(&self, program: &Program, at: Spot) -> Vec<(String, f64)> {
         let node = &program.nodes[at.id];
         let aligned = |(i, id): (usize, &NodeId)| {
             let shape = program.nodes[*id].shape;

@@ -34,6 +34,18 @@ pub(crate) trait Observer<R> {
     fn before_adjoint(&mut self, env: &Env<R>, worker: &mut Worker<R>, lanes: Lanes, id: NodeId) {
         let _ = (env, worker, lanes, id);
     }
+    /// Sees it once the node has.
+    #[allow(private_interfaces)]
+    fn after_adjoint(
+        &mut self,
+        env: &Env<R>,
+        worker: &Worker<R>,
+        chunk: &Chunk<R>,
+        lanes: Lanes,
+        id: NodeId,
+    ) {
+        let _ = (env, worker, chunk, lanes, id);
+    }
 }
 
 impl<R: Lane> State<R> {
@@ -131,6 +143,7 @@ fn walk_reverse<R: Lane>(
                 observer.around(id, Way::Reverse, &mut || {
                     adjoint(env, worker, chunk, lanes, id)
                 });
+                observer.after_adjoint(env, worker, chunk, lanes, id);
             }
         }
     }

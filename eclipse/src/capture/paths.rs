@@ -6,6 +6,7 @@ use std::{
 };
 
 use super::{CaptureError, LoadOptions, error::At, transforms::Transforms};
+use crate::files::slashed;
 
 /// Image extensions that are tried for a `file_path` without one.
 const EXTENSIONS: [&str; 10] = [
@@ -213,8 +214,7 @@ impl Folder {
     }
 
     fn join(&self, name: &str) -> PathBuf {
-        // Files made on Windows may carry its separators.
-        let name = name.replace('\\', "/");
+        let name = slashed(name);
         match (&self.images, name.strip_prefix(IMAGES)) {
             (Some(images), Some(rest)) => images.path.join(rest),
             _ => self.path.join(name),

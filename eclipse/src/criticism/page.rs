@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     files::atomic,
-    image_io::{ImageIoError, write_exr},
+    image_io::{ImageIoError, white, write_exr},
     layout,
 };
 
@@ -91,7 +91,9 @@ fn html(outcome: &Outcome<'_>, frames: &[maps::Maps]) -> Result<String, PageErro
     let verdict = serde_json::to_value(d.verdict)?;
     let verdict = verdict.as_str().unwrap_or_default().replace('_', " ");
     let photographs = outcome.study.capture.frames.iter();
-    let how = plot::Shown::of(photographs.map(|frame| &frame.image));
+    let how = plot::Shown {
+        white: white(photographs.map(|frame| &frame.image)),
+    };
     Ok(format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\n\
          <title>Diagnosis of {title}</title>\n<style>{style}</style></head><body>\n<h1>{title}: {verdict}</h1>\n\

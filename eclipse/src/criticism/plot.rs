@@ -170,40 +170,10 @@ pub struct Shown {
 }
 
 impl Shown {
-    /// So that all but the brightest 0.5 % of the values are below white.
-    pub fn of<'a>(photographs: impl Iterator<Item = &'a Image>) -> Self {
-        let mut values: Vec<f32> = photographs.flat_map(|i| i.data.iter().copied()).collect();
-        values.sort_unstable_by(f32::total_cmp);
-        let white = values.get(values.len() * 995 / 1000);
-        Self {
-            white: white.map_or(1.0, |v| v.max(1e-6)),
-        }
-    }
-
     /// A pixel, sRGB.
     pub fn photograph(&self, pixel: &[f32]) -> [f32; 3] {
         [0, 1, 2].map(|c| linear_to_srgb(pixel[c] / self.white))
     }
-}
-
-/// An image whose longest side has at most so many pixels, each the mean of those it stands for.
-pub fn thumbnail(image: &Image, most: usize) -> Image {
-    let step = image.width.max(image.height).div_ceil(most.max(1)).max(1);
-    let (width, height) = (image.width.div_ceil(step), image.height.div_ceil(step));
-    let mut small = Image::filled(width, height, image.channels, 0.0);
-    for y in 0..height {
-        for x in 0..width {
-            let rows = step * y..(step * (y + 1)).min(image.height);
-            let columns = step * x..(step * (x + 1)).min(image.width);
-            let share = 1.0 / (rows.len() * columns.len()) as f32;
-            let out = small.pixel_mut(x, y);
-            for (row, column) in rows.flat_map(|row| columns.clone().map(move |c| (row, c))) {
-                let pixel = image.pixel(column, row).iter();
-                out.iter_mut().zip(pixel).for_each(|(o, p)| *o += share * p);
-            }
-        }
-    }
-    small
 }
 
 /// A picture of a frame of `size` pixels with boxes on it: left, top, right, bottom, pixels of the frame.
@@ -228,16 +198,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn thumbnails_are_means_and_boxes_keep_their_place() {
-        let mut image = Image::filled(5, 2, 3, 0.0);
-        image.pixel_mut(0, 0).fill(4.0);
-        image.pixel_mut(4, 1).fill(1.0);
-        let small = thumbnail(&image, 3);
-        assert_eq!((small.width, small.height), (3, 1));
-        assert_eq!(small.pixel(0, 0), [1.0; 3]);
-        assert_eq!(small.pixel(1, 0), [0.0; 3]);
-        // The last column stands for one pixel in each of two rows.
-        assert_eq!(small.pixel(2, 0), [0.5; 3]);
+    fn boxes_keep_their_place() {
         let html = boxed("<img>", [200, 100], &[[50.0, 25.0, 100.0, 75.0]]);
         let place = "left:25.0%;top:25.0%;width:25.0%;height:50.0%";
         assert!(html.contains(place), "{html}");

@@ -8,7 +8,7 @@ use super::{
     page::escaped,
     plot::{self, Shown},
 };
-use crate::image_io::ImageIoError;
+use crate::image_io::{ImageIoError, reduce, reduced_size};
 
 /// Longest side of a picture of a whole frame, pixels.
 const SIDE: usize = 128;
@@ -37,9 +37,9 @@ pub fn section(outcome: &Outcome<'_>, shown: &Shown) -> Result<String, ImageIoEr
         let mut rows = String::new();
         for (k, spot) in spots.iter().enumerate() {
             let frame = &outcome.study.capture.frames[spot.frame];
-            let image = plot::thumbnail(&frame.image, SIDE);
-            let picture = plot::picture(&image, |p| shown.photograph(p))?;
             let size = [frame.image.width, frame.image.height];
+            let small = reduce(&frame.image, reduced_size(size, SIDE));
+            let picture = plot::picture(&small, |p| shown.photograph(p))?;
             let boxed = plot::boxed(&picture, size, &[spot.pixels]);
             rows += &row(k + 1, spot, &boxed, &frame.name);
         }

@@ -35,6 +35,17 @@ pub fn linear_to_srgb(value: f32) -> f32 {
     encoded.copysign(value)
 }
 
+/// The value shown as white: all but the brightest 0.5 % of the images' values are below.
+pub fn white<'a>(images: impl IntoIterator<Item = &'a Image>) -> f32 {
+    let mut values: Vec<f32> = images
+        .into_iter()
+        .flat_map(|image| image.data.iter().copied())
+        .collect();
+    values.sort_unstable_by(f32::total_cmp);
+    let white = values.get(values.len() * 995 / 1000);
+    white.map_or(1.0, |value| value.max(1e-6))
+}
+
 /// Decodes the colours of `image` in place; alpha, the last of two or four channels, stays.
 pub(super) fn decode_srgb(image: &mut Image) {
     let colors = if image.channels.is_multiple_of(2) {

@@ -24,7 +24,7 @@ use render::image::Image;
 use crate::files::{atomic, read_limited};
 
 pub use clamped::Clamped;
-pub use color::{ColorEncoding, linear_to_srgb, srgb_to_linear};
+pub use color::{ColorEncoding, linear_to_srgb, srgb_to_linear, white};
 pub use environment::{
     EnvironmentIoError, EnvironmentOptions, Rows, read_environment, read_foreign_environment,
 };

@@ -8,7 +8,7 @@ use std::{
 use render::camera::Camera;
 
 use super::RelightError;
-use crate::{capture::read_described, image_io::stem};
+use crate::{capture::read_described, files::slashed, image_io::stem};
 
 /// A picture to be made.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,8 +68,7 @@ pub fn frame_names(path: &Path, allow_outside: bool) -> Result<Vec<String>, Reli
 
 /// `name` with its folders by `/` and without needless dots; `None` where it leads out of the folder it is in, or nowhere.
 pub(super) fn plain(name: &str) -> Option<String> {
-    // Files made on Windows may carry its separators.
-    let name = name.replace('\\', "/");
+    let name = slashed(name);
     let mut parts = Vec::new();
     for component in Path::new(&name).components() {
         match component {

@@ -16,10 +16,10 @@ use serde_json::json;
 
 use super::{
     Bench, Evidence, Study, StudyError, Verdict,
-    evidence::{Content, Figure, Picture, Tone, white},
+    evidence::{Content, Figure, Picture, Tone},
     sphere::{Surface, facing, irradiance, mirror_normal, mirrored, photograph},
 };
-use crate::report::text::number;
+use crate::{image_io::white, report::text::number};
 
 const GRID: LatLong = LatLong::new(50, 100);
 const ALBEDO: f32 = 0.8;
@@ -344,7 +344,7 @@ fn evidence(pairs: &[Pair]) -> Evidence {
 }
 
 fn figures(pair: &Pair) -> Vec<Figure> {
-    let bright = white(&pair.matt[0]);
+    let bright = white([&pair.matt[0]]);
     let ratio = |label: &str, [before, after]: &[Image; 2]| {
         let data = before.data.chunks_exact(3).zip(after.data.chunks_exact(3));
         let data = data.map(|(b, a)| match b.iter().sum::<f32>() {
@@ -395,8 +395,8 @@ fn figures(pair: &Pair) -> Vec<Figure> {
             "lights",
             "The lights of the two explanations, and the occluder.",
             vec![
-                Picture::light("of the matt sphere", &pair.sharp, white(&pair.sharp)),
-                Picture::light("of the mirror", &pair.blurred, white(&pair.blurred)),
+                Picture::light("of the matt sphere", &pair.sharp, white([&pair.sharp])),
+                Picture::light("of the mirror", &pair.blurred, white([&pair.blurred])),
                 Picture::light("what the occluder lets through", &pair.mask, 1.0),
             ],
         ),

@@ -256,14 +256,6 @@ impl Picture {
     }
 }
 
-/// The radiance shown as white: all but the brightest 0.5 % of values are below.
-pub fn white(image: &Image) -> f32 {
-    let mut values = image.data.clone();
-    values.sort_unstable_by(f32::total_cmp);
-    let index = (values.len() * 995 / 1000).min(values.len().saturating_sub(1));
-    values.get(index).map_or(1.0, |value| value.max(1e-6))
-}
-
 /// How values become colours.
 #[derive(Clone, Copy, Debug)]
 pub enum Tone {

@@ -7,12 +7,12 @@ use serde_json::{Map, Value, json};
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
-    evidence::{Content, Figure, Picture, listed, seeds, white},
+    evidence::{Content, Figure, Picture, listed, seeds},
     recovery::CLEAR,
     small::{self, Setup},
     trial::{Solved, Trial, ends},
 };
-use crate::report::text::number;
+use crate::{image_io::white, report::text::number};
 
 /// The largest share of the error left that counts as better.
 const MARGIN: f64 = 0.9;
@@ -195,7 +195,7 @@ fn conditions_of_small(bench: &Bench<'_>) -> String {
 
 fn figure(pair: &Pair) -> Figure {
     let truth = &pair.occluded.light;
-    let bright = white(truth);
+    let bright = white([truth]);
     let map = |words: &str, solved: &Solved| {
         let label = format!("{words}: {}", number(solved.environment_error()));
         Picture::light(label, &solved.light(), bright)

@@ -8,11 +8,12 @@ use self::claims::{Claim, claims, untested};
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
-    evidence::{Axis, Chart, Content, Figure, Picture, Series, listed, seeds, white},
+    evidence::{Axis, Chart, Content, Figure, Picture, Series, listed, seeds},
     small::{BATCH, Object, Setup, iterations, misfit, paper_settings},
     trial::Trial,
 };
 use crate::{
+    image_io::white,
     report::text::number,
     settings::{LightForm, MaskForm, Settings},
 };
@@ -59,7 +60,7 @@ impl Study for Parametrisation {
                     scores.push(variant.solve(bench, &trial, &setup, pictures)?);
                 }
                 if seed == 0 && *object == Object::ALL[0] {
-                    pictures.push(Picture::light("truth", &trial.light, white(&trial.light)));
+                    pictures.push(Picture::light("truth", &trial.light, white([&trial.light])));
                 }
             }
             Ok(scores)
@@ -152,7 +153,7 @@ impl Variant {
         let words = format!("{}, {}, seed {}", trial.name, self.words(), setup.seed);
         let solved = bench.reconstructed(trial, &words, &settings)?;
         if let Some(pictures) = pictures {
-            let white = white(&trial.light);
+            let white = white([&trial.light]);
             pictures.push(Picture::light(self.words(), &solved.light(), white));
         }
         let occluders = solved.scores.occluders;

@@ -5,11 +5,12 @@ use serde_json::json;
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
-    evidence::{Content, Figure, Picture, listed, range, white},
+    evidence::{Content, Figure, Picture, listed, range},
     trial::name_of,
 };
 use crate::{
     capture::{Capture, LoadOptions},
+    image_io::white,
     reconstruct,
     reconstruction::Reconstruction,
     report::text::number,
@@ -183,13 +184,13 @@ fn figures(capture: &Capture, solved: &[Reconstruction], found: [bool; 2]) -> Ve
     let named = || WORDS.iter().map(|[words, _]| *words).zip(solved);
     let maps = named().map(|(words, found)| {
         let map = &found.environment;
-        Picture::light(words, map, white(map))
+        Picture::light(words, map, white([map]))
     });
     let frame = (0..capture.frames.len())
         .find(|&t| solved[0].settings.holds_out(t))
         .unwrap_or(0);
     let photograph = &capture.frames[frame].image;
-    let bright = white(photograph);
+    let bright = white([photograph]);
     let views = named().map(|(words, found)| Picture::light(words, &found.renders[frame], bright));
     let first = Picture::light("photograph", photograph, bright);
     let mut figures = vec![

@@ -8,10 +8,10 @@ use serde_json::{Map, Value, json};
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
-    evidence::{Content, Figure, Picture, range, white},
+    evidence::{Content, Figure, Picture, range},
     trial::{Solved, Trial, ends},
 };
-use crate::report::text::number;
+use crate::{image_io::white, report::text::number};
 
 /// Ends the name of a capture that is another's without anybody in the light.
 pub(super) const CLEAR: &str = "-unoccluded";
@@ -172,7 +172,7 @@ impl Row {
     fn figures(&self) -> Vec<Figure> {
         let (with, without) = (&self.modelled[0], &self.ignored[0]);
         let light = &self.trial.light;
-        let bright = white(light);
+        let bright = white([light]);
         let labelled = |words: &str, error: f64| format!("{words}: {}", number(error));
         let mut maps = vec![
             Picture::light(
@@ -189,7 +189,7 @@ impl Row {
         maps.push(Picture::light(
             labelled("light convolved", self.convolved),
             &self.blurred,
-            white(&self.blurred),
+            white([&self.blurred]),
         ));
         maps.push(Picture::light("true", light, bright));
         let mut figures = vec![Figure {

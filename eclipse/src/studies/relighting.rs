@@ -18,11 +18,11 @@ use serde_json::{Map, Value, json};
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
-    evidence::{Content, Figure, Picture, listed, range, white},
+    evidence::{Content, Figure, Picture, listed, range},
     small::{KAPPA, lamps},
     trial::{Solved, Trial},
 };
-use crate::report::text::number;
+use crate::{image_io::white, report::text::number};
 
 /// Widths of other lights' lamps in degrees; their places differ from those of any study's captures.
 const LIGHTS: [f32; 2] = [8.0, 30.0];
@@ -371,7 +371,7 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
         figures: rows
             .iter()
             .map(|row| {
-                let bright = white(&row.shown[2]);
+                let bright = white([&row.shown[2]]);
                 let picture = |words: &str, k: usize| Picture::light(words, &row.shown[k], bright);
                 Figure {
                     name: format!("{}-relit", row.trial.name),

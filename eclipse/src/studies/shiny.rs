@@ -5,11 +5,11 @@ use serde_json::{Map, Value, json};
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
-    evidence::{Axis, Chart, Content, Figure, Picture, Series, listed, range, seeds, white},
+    evidence::{Axis, Chart, Content, Figure, Picture, Series, listed, range, seeds},
     small::{KAPPA, Setup, settings},
     trial::{Solved, Trial},
 };
-use crate::{report::text::number, settings::Settings};
+use crate::{image_io::white, report::text::number, settings::Settings};
 
 /// Roughness: the supplement's, and that of the paper's other objects.
 const ALPHAS: [f32; 2] = [0.2, 0.6];
@@ -202,7 +202,7 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
         }),
     }];
     figures.extend(rows.iter().map(|row| {
-        let bright = white(&row.shown.light);
+        let bright = white([&row.shown.light]);
         Figure {
             name: format!("light-alpha-{}", number(row.alpha)),
             caption: "Recovered light and the truth; first seed.".into(),

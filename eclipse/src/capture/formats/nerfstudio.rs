@@ -6,10 +6,13 @@ use std::{
 };
 
 use super::{Format, Source, source};
-use crate::capture::{
-    CaptureError,
-    paths::Folder,
-    transforms::{Transforms, TransformsFrame, read_transforms},
+use crate::{
+    capture::{
+        CaptureError,
+        paths::Folder,
+        transforms::{Transforms, TransformsFrame, read_transforms},
+    },
+    files::slashed,
 };
 
 pub(super) const FORMAT: Format = Format {
@@ -74,8 +77,7 @@ fn training(mut transforms: Transforms, path: &Path) -> Result<Transforms, Captu
 
 /// A path without needless dots: `./images/a.png` and `images/a.png` are one file.
 fn plain(name: &str) -> PathBuf {
-    // Files made on Windows may carry its separators.
-    let name = name.replace('\\', "/");
+    let name = slashed(name);
     let parts = Path::new(&name).components();
     parts.filter(|part| *part != Component::CurDir).collect()
 }

@@ -6,6 +6,7 @@ use std::path::Path;
 use super::{Format, Source, blender_splits::frames_of, source};
 use crate::{
     capture::{CaptureError, paths::Folder, transforms::read_transforms},
+    files::slashed,
     image_io::stem,
 };
 
@@ -37,7 +38,7 @@ fn read(folder: &Folder) -> Option<Result<Source, CaptureError>> {
 
 /// `train/0003` has its mask in `train_mask/0003.png`.
 fn mask_path(file_path: &str) -> String {
-    let path = file_path.replace('\\', "/");
+    let path = slashed(file_path);
     let path = Path::new(stem(&path));
     let folder = path.parent().unwrap_or(Path::new("")).to_string_lossy();
     let name = path.file_name().unwrap_or_default().to_string_lossy();

@@ -7,6 +7,7 @@ use std::{
 
 use crate::{
     capture::{CaptureError, transforms::TransformsFrame},
+    files::slashed,
     image_io::stem,
 };
 
@@ -45,8 +46,7 @@ pub(super) fn of(json: &Path, entries: &[TransformsFrame]) -> Result<Vec<String>
 
 /// The folders of a path and its file, whatever it begins with.
 fn parts(file_path: &str) -> Vec<String> {
-    // Files made on Windows may carry its separators.
-    let path = file_path.replace('\\', "/");
+    let path = slashed(file_path);
     let parts = Path::new(&path).components().filter_map(|part| match part {
         Component::Normal(part) => Some(part.to_string_lossy().into_owned()),
         _ => None,

@@ -17,7 +17,7 @@ use crate::{
         CaptureError, parse_transforms,
         transforms::{MAX_TRANSFORMS, TransformsFrame},
     },
-    files::read_limited,
+    files::{read_limited, slashed},
     image_io::{ColorEncoding, read_image},
 };
 
@@ -129,7 +129,7 @@ fn view(
 
 /// `name` as a path that leads down and nowhere else.
 fn within(name: &str, field: &'static str, json: &Path) -> Result<PathBuf, StanfordOrbError> {
-    let path = PathBuf::from(name.replace('\\', "/"));
+    let path = PathBuf::from(slashed(name));
     let mut down = PathBuf::new();
     for part in path.components() {
         match part {

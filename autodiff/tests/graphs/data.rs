@@ -1,0 +1,133 @@
+//! What random graphs run over.
+
+use autodiff::{Program, Scalar, Sizes, Workspace};
+use proptest::prelude::*;
+
+use super::record::{MATRIX, PARAMS, TEXELS};
+
+/// Lanes of every pixel, and numbers to fill arrays with.
+#[derive(Clone, Debug)]
+pub struct Data {
+    counts: Vec<u32>,
+    frames: usize,
+    seed: u64,
+}
+
+/// A few segments, or now and then thousands of them, which make many chunks.
+pub fn data() -> impl Strategy<Value = Data> {
+    prop_oneof![15 => few(), 1 => many()]
+}
+
+pub fn many() -> impl Strategy<Value = Data> {
+    (2000usize..2600, 3usize..16, any::<u64>()).prop_map(|(pixels, frames, seed)| {
+        let mut data = Data {
+            counts: Vec::new(),
+            frames,
+            seed,
+        };
+        let count = |i| match data.number(50, i) {
+            x if x > 0.999 => 90,
+            x => (x * 6.0) as u32,
+        };
+        data.counts = (0..pixels).map(count).collect();
+        data
+    })
+}
+
+pub fn few() -> impl Strategy<Value = Data> {
+    let count = prop_oneof![4 => 0u32..6, 1 => 60u32..130];
+    (
+        prop::collection::vec(count, 0..12),
+        1usize..20,
+        any::<u64>(),
+    )
+        .prop_map(|(counts, frames, seed)| Data {
+            counts,
+            frames,
+            seed,
+        })
+}
+
+impl Data {
+    fn number(&self, array: u64, i: usize) -> f64 {
+        let mut x = self.seed ^ (array << 40) ^ (i as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        for _ in 0..2 {
+            x ^= x >> 31;
+            x = x.wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        }
+        (x >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    pub fn array<S: Scalar>(&self, array: u64, n: usize, low: f64) -> Vec<S> {
+        (0..n)
+            .map(|i| S::from_f64(low + self.number(array, i)))
+            .collect()
+    }
+
+    pub fn lens(&self) -> [usize; 5] {
+        let pixels = self.counts.len();
+        [3 * pixels, pixels * self.frames, 2 * TEXELS, 1, MATRIX]
+    }
+
+    pub fn params<S: Scalar>(&self) -> Vec<Vec<S>> {
+        let lens = self.lens().into_iter().enumerate();
+        lens.map(|(k, n)| self.array(k as u64, n, 0.5)).collect()
+    }
+
+    pub fn direction<S: Scalar>(&self) -> Vec<Vec<S>> {
+        let lens = self.lens().into_iter().enumerate();
+        lens.map(|(k, n)| self.array(10 + k as u64, n, -0.5))
+            .collect()
+    }
+
+    /// Lanes of each sample.
+    fn parts(&self) -> Vec<u32> {
+        let n = self.counts.iter().sum::<u32>() as usize;
+        (0..n).map(|i| (self.number(24, i) * 4.0) as u32).collect()
+    }
+
+    pub fn sizes(&self, block: usize) -> Sizes {
+        let offsets = |counts: &[u32]| {
+            let mut offsets = vec![0];
+            for count in counts {
+                offsets.push(offsets[offsets.len() - 1] + count);
+            }
+            offsets
+        };
+        Sizes::new()
+            .lanes("pixels", self.counts.len())
+            .lanes("texels", TEXELS)
+            .offsets("samples", offsets(&self.counts))
+            .offsets("parts", offsets(&self.parts()))
+            .axis("frames", self.frames)
+            .block(block)
+    }
+
+    pub fn workspace<S: Scalar>(&self, program: &Program, block: usize) -> Workspace<S> {
+        let n = self.counts.iter().sum::<u32>() as usize;
+        let mut ws = program.workspace::<S>(&self.sizes(block)).unwrap();
+        let index = |array| -> Vec<u32> {
+            (0..n)
+                .map(|i| (self.number(array, i) * TEXELS as f64) as u32)
+                .collect()
+        };
+        // An index that always names the same row, on some seeds.
+        let same = vec![3; n];
+        let first = if self.seed.is_multiple_of(4) {
+            same
+        } else {
+            index(20)
+        };
+        ws.set_index("first", &first).unwrap();
+        ws.set_index("second", &index(21)).unwrap();
+        ws.set("weight", &self.array::<S>(22, n, 0.0)).unwrap();
+        let parts = self.parts().iter().sum::<u32>() as usize;
+        ws.set("share", &self.array::<S>(25, parts, 0.0)).unwrap();
+        let visible: Vec<bool> = (0..n).map(|i| self.number(23, i) < 0.6).collect();
+        ws.set_mask("visible", &visible).unwrap();
+        for (name, values) in PARAMS.iter().zip(self.params::<S>()) {
+            ws.set(name, &values).unwrap();
+        }
+        ws
+    }
+}

@@ -1,0 +1,205 @@
+//! A graph of random steps.
+
+use std::sync::Arc;
+
+use autodiff::{CustomOp, Detached, Fma, Graph, LinearMap, Program, Real, Scalar, Var};
+
+pub const TEXELS: usize = 7;
+pub const PARAMS: [&str; 5] = ["pixel", "row", "texel", "scale", "matrix"];
+/// Channels of the matrix: what has as many channels as divide it can be multiplied.
+pub const MATRIX: usize = 6;
+
+/// What to record next: an operation, and the operands to take among those recorded.
+pub type Step = (u8, usize, usize);
+
+/// A graph of random steps over three domains and an axis, on values kept near 1 so that nothing overflows.
+pub fn record(steps: &[Step]) -> Program {
+    record_with(steps, true, true)
+}
+
+/// With `detach`, some values are detached: derivatives are not those of differences then.
+pub fn record_with(steps: &[Step], simplify: bool, detach: bool) -> Program {
+    let g = Graph::new();
+    let (pixel, texel) = (g.domain("pixels"), g.domain("texels"));
+    let sample = g.segments("samples", &pixel);
+    let part = g.segments("parts", &sample);
+    let frame = g.axis("frames");
+    let index = [
+        g.index("first", &sample, &texel),
+        g.index("second", &sample, &texel),
+    ];
+    let weight: Detached = g.input("weight", &sample, 1);
+    let visible = g.mask("visible", &sample);
+    // Keeps values away from kinks, on either side.
+    let aside: Detached = visible.to_array() * 4.0 - 2.0;
+    let share: Detached = g.input("share", &part, 1);
+    let mut pixels: Vec<Var> = vec![
+        g.param("pixel", &pixel, 3),
+        g.param_along("row", &pixel, 1, &frame),
+    ];
+    let mut samples: Vec<Var> = vec![weight.attach()];
+    let mut texels: Vec<Var> = vec![g.param("texel", &texel, 2)];
+    let mut parts: Vec<Var> = vec![share.attach()];
+    let scale = g.param("scale", &g.uniform(), 1);
+    let matrix = g.param("matrix", &g.uniform(), MATRIX);
+    let settle = |x: Var| (x * 0.7).sin() * 0.5 + 1.0;
+    for &(kind, a, b) in steps {
+        let (p, q) = (&pixels[a % pixels.len()], &pixels[b % pixels.len()]);
+        let (s, t) = (&samples[a % samples.len()], &samples[b % samples.len()]);
+        let x = &texels[a % texels.len()];
+        let (u, v) = (&parts[a % parts.len()], &parts[b % parts.len()]);
+        let compatible = |u: &Var, v: &Var| {
+            u.channels() == v.channels() || u.channels() == 1 || v.channels() == 1
+        };
+        match kind % 40 {
+            0 => samples.push(p.expand(&sample)),
+            1 => samples.push(x.gather(&index[b % 2])),
+            2 => samples
+                .push(x.gather_weighted(&[(&index[0], &weight), (&index[1], &(1.0 - &weight))])),
+            3 if s.channels() == 1 => {
+                let share = s.sum_axis() * &weight;
+                samples.push(x.sum_channels().gather_weighted(&[(&index[0], &share)]));
+            }
+            4 => pixels.push(settle(s.segment_mean())),
+            5 if compatible(s, t) => pixels.push(settle(s.segment_dot(t) * 0.1)),
+            6 if compatible(s, t) => samples.push(settle(s * t)),
+            7 if compatible(s, t) => samples.push(settle(s.square().mul_add(t, &(&scale * 0.3)))),
+            8 if compatible(s, t) => samples.push(visible.select(&settle(s + t), s)),
+            9 if compatible(p, q) => pixels.push(settle(p / (q.square() + 1.0))),
+            10 => pixels.push(p.sum_axis().sum_channels().sigmoid() * &scale),
+            11 => texels.push(settle(x.exp() * &scale + p.sum() * 0.01)),
+            // Never of length 0.
+            12 => samples.push(Var::stack(&[s, &settle(t.channel(0))]).normalize()),
+            13 => samples.push(settle(s.segment_sum() * 0.1).expand(&sample)),
+            // What is simplified.
+            14 if compatible(s, t) => samples.push(settle(s.square() - t * s)),
+            15 if compatible(s, t) => samples.push(settle(settle(s * t - s.channel(0)) - s * t)),
+            16 => pixels.push(settle(
+                (p + p) * (q.channel(0).square() + 1.0).sqrt().recip(),
+            )),
+            17 => samples
+                .push(settle(-(s * s * 2.0 + 1.0) + 0.5) * (1.0 / (t.channel(0).square() + 2.0))),
+            18 => pixels.push(settle(p * p.channel(0) + 3.0)),
+            // Layers, with and without a bias.
+            19 | 20 => {
+                let (on_pixels, flat) = match b % 2 {
+                    0 => (true, p.sum_axis()),
+                    _ => (false, s.sum_axis()),
+                };
+                if MATRIX.is_multiple_of(flat.channels()) {
+                    let out = MATRIX / flat.channels();
+                    let bias = Var::stack(&vec![&scale; out]);
+                    let bias = (kind % 2 == 0).then_some(&bias);
+                    let layer = settle(settle(flat).matmul(&matrix, bias) * 0.3);
+                    let few = if out > 3 {
+                        layer.channel(out - 1)
+                    } else {
+                        layer
+                    };
+                    if on_pixels {
+                        pixels.push(few);
+                    } else {
+                        samples.push(few);
+                    }
+                }
+            }
+            21 => texels.push(settle(x.linear_map(&texel, Arc::new(Mix)))),
+            22 if compatible(s, t) => samples.push(settle(g.custom(Ratio, [s, t]))),
+            23 => pixels.push(settle(p.log_sum_exp() * q.channel(0))),
+            24 => samples.push(settle(s.log_sum_exp())),
+            25 if compatible(s, t) => {
+                samples.push((s.square() + 0.5).pow(&(settle(t.clone()) - 1.2)))
+            }
+            26 => pixels.push(settle((p.square() + 0.3).ln() + (p.sin() * 0.9).acos())),
+            27 if compatible(s, t) => samples.push(settle(s.atan2(&(t.square() + 0.5)))),
+            // Kinks, which values keep away from on both sides.
+            28 if compatible(s, t) => {
+                let (near, far) = (settle(s.clone()), settle(t.clone()) + &aside);
+                samples.push(near.min(&far) * 0.5);
+                samples.push(near.max(&far) * 0.5);
+            }
+            29 => samples.push((settle(s.clone()) + &aside).clamp(0.0, 9.0) * 0.4),
+            30 => samples.push((settle(s.clone()) + &aside).relu() * 0.4),
+            31 => samples.push((settle(s.clone()) + &aside).abs() * 0.5),
+            32 if compatible(s, t) => {
+                let (near, far) = (settle(s.clone()), settle(t.clone()) + &aside);
+                let (below, above) = (near.lt(&far), far.le(&near));
+                let mask = &(&below & &visible) | &(!&above);
+                samples.push(mask.select(&near, &(far * 0.4)));
+            }
+            // A detached result: a weight, a shift, another's gradient.
+            33 if compatible(s, t) && detach => {
+                samples.push(settle(s.detach() * t + s.exp().detach().attach_to(t)));
+            }
+            34 if detach => pixels.push(settle(p.sum_axis().channel(0).detach() * q)),
+            // Segments of segments.
+            35 => parts.push(s.expand(&part) * &share),
+            36 => samples.push(settle(u.segment_mean())),
+            37 if compatible(u, v) => samples.push(settle(u.segment_dot(v) * 0.3)),
+            38 if compatible(u, v) => parts.push(settle(u * v + u.square())),
+            39 => parts.push(settle(p.sum_axis().expand(&sample).expand(&part))),
+            _ => samples.push(visible.select(s, s) + weight.detach().detach() * 1.0),
+        }
+    }
+    let last = |values: &[Var]| {
+        let recent = values.iter().rev().take(3);
+        recent.fold(scale.clone(), |sum, value| sum + value.sum())
+    };
+    let loss = last(&pixels) + last(&samples) + last(&texels) + last(&parts);
+    let residual = pixels[pixels.len() - 1].clone();
+    let outputs = [("loss", &loss), ("residual", &residual)];
+    let program = match simplify {
+        true => g.compile(&outputs),
+        false => g.compile_as_recorded(&outputs),
+    };
+    program.unwrap()
+}
+
+/// A user's smooth operation.
+struct Ratio;
+
+impl CustomOp<2> for Ratio {
+    fn name(&self) -> &'static str {
+        "ratio"
+    }
+    fn eval<R: Real, F: Fma>(&self, [a, b]: [R; 2]) -> R {
+        a / (R::from_f64(1.0) + b * b)
+    }
+}
+
+/// A user's operator on texels.
+struct Mix;
+
+impl Mix {
+    fn run<S: Scalar>(columns: usize, transpose: bool, input: &[S], output: &mut [S]) {
+        output.fill(S::default());
+        for to in 0..TEXELS {
+            for from in 0..TEXELS {
+                let (row, column) = if transpose { (from, to) } else { (to, from) };
+                let entry = S::from_f64(((3 * row + column) as f64).sin() * 0.4);
+                for c in 0..columns {
+                    let sum = output[to * columns + c] + entry * input[from * columns + c];
+                    output[to * columns + c] = sum;
+                }
+            }
+        }
+    }
+}
+
+impl LinearMap for Mix {
+    fn shape(&self) -> (usize, usize) {
+        (TEXELS, TEXELS)
+    }
+    fn apply_f32(&self, columns: usize, input: &[f32], output: &mut [f32]) {
+        Mix::run(columns, false, input, output);
+    }
+    fn apply_transpose_f32(&self, columns: usize, input: &[f32], output: &mut [f32]) {
+        Mix::run(columns, true, input, output);
+    }
+    fn apply_f64(&self, columns: usize, input: &[f64], output: &mut [f64]) {
+        Mix::run(columns, false, input, output);
+    }
+    fn apply_transpose_f64(&self, columns: usize, input: &[f64], output: &mut [f64]) {
+        Mix::run(columns, true, input, output);
+    }
+}
