@@ -203,7 +203,7 @@ pub enum CaptureError {
         size: [usize; 2],
     },
     /// Several frames that cannot be used.
-    #[error("{}: {bad} of {of} frames cannot be used:{}", path.display(), listed(told, *bad))]
+    #[error("{}: {bad} of {of} frames cannot be used:{}", path.display(), listed(path, told, *bad))]
     Frames {
         path: PathBuf,
         told: Vec<CaptureError>,
@@ -289,9 +289,14 @@ pub(super) fn all_good<T>(
     }
 }
 
-/// Errors one below the other, and how many of `bad` are not among them.
-fn listed(told: &[CaptureError], bad: usize) -> String {
-    let lines: String = told.iter().map(|error| format!("\n  {error}")).collect();
+/// Errors one below the other, without the file `path` that the list is of, and how many of `bad` are not among them.
+fn listed(path: &Path, told: &[CaptureError], bad: usize) -> String {
+    let place = format!("{}: ", path.display());
+    let line = |error: &CaptureError| {
+        let text = error.to_string();
+        format!("\n  {}", text.strip_prefix(&place).unwrap_or(&text))
+    };
+    let lines: String = told.iter().map(line).collect();
     match bad - told.len() {
         0 => lines,
         more => format!("{lines}\n  and {more} more"),
