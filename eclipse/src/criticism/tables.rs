@@ -45,16 +45,15 @@ fn finding(f: &Finding) -> String {
         format!("{} would do as well", f.ambiguous_with.join(" or "))
     };
     format!(
-        "<tr><td><b>{}</b><ul>{numbers}</ul></td><td>{:.2} ± {:.2} %</td><td>{:.0} ± {:.0}</td><td>{:.1e}</td><td>{:.2}</td>\
-         <td>{:.2} %</td><td>{verdict}</td><td>{}</td></tr>",
+        "<tr><td><b>{}</b><ul>{numbers}</ul></td><td>{:.2} ± {:.2} %</td><td>{}</td><td>{:.1e}</td><td>{:.2}</td>\
+         <td>{}</td><td>{verdict}</td><td>{}</td></tr>",
         f.id,
         100.0 * f.size,
         100.0 * f.size_se,
-        f.sealed_gain,
-        f.sealed_gain_se,
+        rounded(f.sealed_gain, f.sealed_gain_se),
         f.p_holm,
         f.survival,
-        100.0 * f.minimum_detectable,
+        percent(f.minimum_detectable),
         confused(f.id),
     )
 }
@@ -72,17 +71,16 @@ pub fn ranking(d: &Diagnosis) -> String {
             let of_sealed = sealed(d, r.id);
             let gain = of_sealed.map_or("–".to_owned(), |s| gain(&s));
             format!(
-                "<tr{}><td>{}</td><td>{:.0} ± {:.0}</td><td>{gain}</td><td>{:.1e}</td><td>{:.2} ± {:.2} %</td><td>{:.2}</td>\
-                 <td>{:.2} %</td><td>{}</td><td>{}</td></tr>",
+                "<tr{}><td>{}</td><td>{}</td><td>{gain}</td><td>{:.1e}</td><td>{:.2} ± {:.2} %</td><td>{:.2}</td>\
+                 <td>{}</td><td>{}</td><td>{}</td></tr>",
                 if r.capacity { " class=\"capacity\"" } else { "" },
                 r.id,
-                r.gain,
-                r.gain_se,
+                rounded(r.gain, r.gain_se),
                 r.p,
                 100.0 * r.size,
                 100.0 * r.size_se,
                 r.survival,
-                100.0 * r.minimum_detectable,
+                percent(r.minimum_detectable),
                 verdict(d, r),
                 confused(r.id),
             )
@@ -103,7 +101,20 @@ fn sealed(d: &Diagnosis, id: &str) -> Option<Judged> {
 }
 
 fn gain(judged: &Judged) -> String {
-    format!("{:.0} ± {:.0}", judged.gain, judged.gain_se)
+    rounded(judged.gain, judged.gain_se)
+}
+
+/// A gain with its standard error, never as a zero of either sign.
+fn rounded(gain: f64, error: f64) -> String {
+    format!("{:.0} ± {error:.0}", gain.round() + 0.0)
+}
+
+/// A share in percent; a dash where no size would be found.
+fn percent(share: f64) -> String {
+    match share.is_finite() {
+        true => format!("{:.2} %", 100.0 * share),
+        false => "–".to_owned(),
+    }
 }
 
 /// What became of an effect.
@@ -161,8 +172,9 @@ pub fn behind_occluders(d: &Diagnosis) -> String {
     let cell = |r: Option<&Ranked>| match r {
         None => "<td>–</td><td>–</td>".to_owned(),
         Some(r) => format!(
-            "<td>{:.0} ± {:.0}</td><td>{:.2}</td>",
-            r.gain, r.gain_se, r.survival
+            "<td>{}</td><td>{:.2}</td>",
+            rounded(r.gain, r.gain_se),
+            r.survival
         ),
     };
     let rows: String = d
@@ -194,6 +206,14 @@ pub fn behind_occluders(d: &Diagnosis) -> String {
 mod tests {
     use super::super::{Verdict, diagnosis::Refitted};
     use super::*;
+
+    #[test]
+    fn no_gain_is_a_zero_and_no_size_a_dash() {
+        assert_eq!(rounded(-0.3, 0.0), "0 ± 0");
+        assert_eq!(rounded(-1.6, 2.4), "-2 ± 2");
+        assert_eq!(percent(f64::INFINITY), "–");
+        assert_eq!(percent(0.0123), "1.23 %");
+    }
 
     #[test]
     fn what_occluders_swallow_is_told() {
