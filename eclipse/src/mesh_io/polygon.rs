@@ -226,7 +226,7 @@ mod tests {
     #[test]
     fn what_has_no_shape_is_a_fan() {
         let corners = [0, 1, 2, 3];
-        let line = [0.0, 1.0, 3.0, 2.0].map(|x| Vec3::splat(x));
+        let line = [0.0, 1.0, 3.0, 2.0].map(Vec3::splat);
         assert_eq!(triangles(&line, &corners), fan(&corners));
         assert_eq!(triangles(&[Vec3::ONE; 4], &corners), fan(&corners));
         // Vertices that follow in the file, or are no numbers: the mesh's checks tell of them.
