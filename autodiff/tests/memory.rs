@@ -183,9 +183,10 @@ fn check_steady<S: Scalar>() {
     });
     let both = pool(2).unwrap();
     let mut ws = both.install(|| workspace::<S>(&program));
-    // Threads that help for the first time get their own places in queues.
-    allocations(&both, || run_all(&program, &mut ws, &bound));
-    assert_eq!(allocations(&both, || run_all(&program, &mut ws, &bound)), 0);
+    // Threads get places in the pool's own queues when they help for the first time, which on a busy machine may be late; what a run
+    // itself allocates, all of them do.
+    let runs = [(); 8].map(|()| allocations(&both, || run_all(&program, &mut ws, &bound)));
+    assert!(runs.contains(&0), "{runs:?}");
 }
 
 #[test]
