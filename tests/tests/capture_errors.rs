@@ -200,14 +200,14 @@ fn intrinsics_that_no_camera_has() {
     json_says(
         |json| remove(json, &["camera_angle_x", "fl_x", "fl_y"]),
         &[
-            "transforms.json: frame \"000\"",
+            "transforms.json: frame \"000\" and 5 more: ",
             "`camera_angle_x` is missing, and fl_x too",
         ],
     );
     json_says(
         |json| json["fl_x"] = json!(-5.0),
         &[
-            "transforms.json: frame \"000\": `fl_x` is -5",
+            "transforms.json: frame \"000\" and 5 more: `fl_x` is -5",
             "expected a positive focal length",
         ],
     );

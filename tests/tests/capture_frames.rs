@@ -94,6 +94,28 @@ fn all_frames_that_cannot_be_used_are_told_in_their_order() {
 }
 
 #[test]
+fn what_is_wrong_with_several_frames_alike_is_told_once() {
+    let folder = written(6);
+    mask_all(&folder, &[0, 40]);
+    let message = error(&folder).to_string();
+    assert!(
+        message.contains("transforms.json: frame \"000\" and 5 more: the largest value"),
+        "{message}"
+    );
+    assert!(!message.contains('\n'), "{message}");
+    spoil(&folder, 2);
+    let message = error(&folder).to_string();
+    let lines: Vec<&str> = message.lines().collect();
+    assert_eq!(lines.len(), 3, "{message}");
+    assert!(lines[0].contains("6 of 6 frames"), "{message}");
+    assert!(
+        lines[1].starts_with("  frame \"000\" and 4 more: "),
+        "{message}"
+    );
+    assert!(lines[2].starts_with("  frame \"002\": "), "{message}");
+}
+
+#[test]
 fn no_more_than_twenty_are_told_and_the_rest_counted() {
     let folder = written(24);
     (1..24).for_each(|index| spoil(&folder, index));

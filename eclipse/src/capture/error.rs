@@ -203,7 +203,7 @@ pub enum CaptureError {
         size: [usize; 2],
     },
     /// Several frames that cannot be used.
-    #[error("{}: {bad} of {of} frames cannot be used:{}", path.display(), listed(path, told, *bad))]
+    #[error("{}: {}", path.display(), listed(path, told, [*bad, *of]))]
     Frames {
         path: PathBuf,
         told: Vec<CaptureError>,
@@ -289,17 +289,46 @@ pub(super) fn all_good<T>(
     }
 }
 
-/// Errors one below the other, without the file `path` that the list is of, and how many of `bad` are not among them.
-fn listed(path: &Path, told: &[CaptureError], bad: usize) -> String {
-    let place = format!("{}: ", path.display());
-    let line = |error: &CaptureError| {
-        let text = error.to_string();
-        format!("\n  {}", text.strip_prefix(&place).unwrap_or(&text))
+/// Errors of frames one below the other, without the file `path` that the list is of, and how many of `bad` are not among them. What
+/// is wrong with several in the same way is told once.
+fn listed(path: &Path, told: &[CaptureError], [bad, of]: [usize; 2]) -> String {
+    let mut alike: Vec<(String, String, usize)> = Vec::new();
+    for error in told {
+        let (frame, problem) = parted(path, &error.to_string());
+        match alike.iter_mut().find(|(_, known, _)| *known == problem) {
+            Some((.., count)) => *count += 1,
+            None => alike.push((frame, problem, 1)),
+        }
+    }
+    let line = |(frame, problem, count): &(String, String, usize)| match count {
+        1 => format!("{frame}{problem}"),
+        _ => format!("{frame} and {} more{problem}", count - 1),
     };
-    let lines: String = told.iter().map(line).collect();
-    match bad - told.len() {
-        0 => lines,
-        more => format!("{lines}\n  and {more} more"),
+    match &*alike {
+        [all] if told.len() == bad => line(all),
+        _ => {
+            let mut text = format!("{bad} of {of} frames cannot be used:");
+            alike
+                .iter()
+                .for_each(|alike| text += &format!("\n  {}", line(alike)));
+            if bad > told.len() {
+                text += &format!("\n  and {} more", bad - told.len());
+            }
+            text
+        }
+    }
+}
+
+/// The frame that a message begins with, and the rest of it; the file `path` is left out.
+fn parted(path: &Path, text: &str) -> (String, String) {
+    let place = format!("{}: ", path.display());
+    let text = text.strip_prefix(&place).unwrap_or(text);
+    match text.find("\": ").filter(|_| text.starts_with("frame \"")) {
+        Some(end) => {
+            let (frame, problem) = text.split_at(end + 1);
+            (frame.to_owned(), problem.to_owned())
+        }
+        None => (String::new(), text.to_owned()),
     }
 }
 
