@@ -1,23 +1,18 @@
 //! `eclipse study NAME`: what a study needs and what it has no use for.
 
-use std::{
-    path::Path,
-    process::{Command, Output},
-    sync::atomic::AtomicBool,
-};
+use std::{path::Path, process::Output, sync::atomic::AtomicBool};
 
 use eclipse::studies::{self, Bench, Scale, Verdict};
-use eclipse_tests::program::stderr;
+use eclipse_tests::program::{run_study, stderr};
 
 /// Runs a study into a folder, however it ends.
 fn run(name: &str, out: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_eclipse-under-test"))
-        .env_remove("ECLIPSE_REAL")
-        .args(["study", name, "--json", "--threads", "1", "--out"])
-        .arg(out)
-        .args(arguments)
-        .output()
-        .unwrap()
+    run_study(
+        env!("CARGO_BIN_EXE_eclipse-under-test"),
+        name,
+        out,
+        arguments,
+    )
 }
 
 #[test]

@@ -4,7 +4,7 @@ use std::{
     collections::BTreeSet,
     fs,
     path::Path,
-    process::{Command, Output},
+    process::Output,
     sync::atomic::{AtomicBool, Ordering},
 };
 
@@ -15,7 +15,7 @@ use eclipse::{
 };
 use eclipse_tests::{
     lit_ball::{self, lamps},
-    program::{stderr, text},
+    program::{run_study, stderr, text},
     scenes,
 };
 use render::{bsdf::Model, lat_long::LatLong};
@@ -37,13 +37,12 @@ fn study_of(name: &str, arguments: &[&str]) -> (Value, tempfile::TempDir) {
 
 /// Runs a study into a folder, however it ends.
 fn run(name: &str, out: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_eclipse-under-test"))
-        .env_remove("ECLIPSE_REAL")
-        .args(["study", name, "--json", "--threads", "1", "--out"])
-        .arg(out)
-        .args(arguments)
-        .output()
-        .unwrap()
+    run_study(
+        env!("CARGO_BIN_EXE_eclipse-under-test"),
+        name,
+        out,
+        arguments,
+    )
 }
 
 /// The page says what the summary says, first of all, and every plot has its data.

@@ -31,41 +31,37 @@ const BASELINES: [(&str, &str); 2] = [(SPARSE, "moving_occluder"), (FULL, "finer
 pub fn screened(
     study: &Study<'_>,
     fit: &Fit,
-    effects: &[&'static dyn Effect],
+    effects: impl Iterator<Item = &'static dyn Effect>,
 ) -> Result<(Screen, BTreeMap<String, Vec<Ranked>>), FitError> {
-    let jacobian = Jacobian::new(study, fit)?;
-    let all = effects.iter().copied();
-    let candidates: Vec<Candidate> = all
-        .map(|effect| jacobian.candidate(study, fit, effect))
-        .collect::<Result<_, _>>()?;
+    let mut jacobian = Jacobian::new(study, fit)?;
+    let mut candidates = jacobian.candidates(study, fit, effects)?;
     let first = screen(study, &jacobian, &candidates);
     let stands = |id: &str| {
         let own = first.scores.iter().find(|score| score.id == id);
         own.is_some_and(|score| score.gain > LEAST_SIGMA * score.gain_se)
     };
     let is_occluder = |id: &str| BASELINES.iter().any(|(_, occluder)| *occluder == id);
-    let (occluders, mut others): (Vec<_>, Vec<_>) = candidates
-        .into_iter()
-        .partition(|candidate| is_occluder(candidate.effect.id()));
-    others.retain(|other| !other.effect.is_capacity() && stands(other.effect.id()));
     let mut behind = BTreeMap::new();
-    let mut jacobian = jacobian;
+    let occluders: Vec<Candidate> = candidates
+        .extract_if(.., |candidate| is_occluder(candidate.effect.id()))
+        .collect();
+    candidates.retain(|other| !other.effect.is_capacity() && stands(other.effect.id()));
+    if candidates.is_empty() {
+        return Ok((first, behind));
+    }
     for (name, id) in BASELINES {
-        if others.is_empty() {
-            break;
-        }
         match occluders.iter().find(|own| own.effect.id() == id) {
             Some(occluder) => jacobian.take_for_granted(occluder),
             // The caller did not ask for it as an effect.
-            None => match effects::by_id(id) {
-                Some(effect) => {
-                    let occluder = jacobian.candidate(study, fit, effect)?;
+            None => {
+                let own = effects::by_id(id).into_iter();
+                for occluder in jacobian.candidates(study, fit, own)? {
                     jacobian.take_for_granted(&occluder);
                 }
-                None => break,
-            },
+            }
         }
-        behind.insert(name.to_owned(), ranked(&screen(study, &jacobian, &others)));
+        let again = screen(study, &jacobian, &candidates);
+        behind.insert(name.to_owned(), ranked(&again));
     }
     Ok((first, behind))
 }

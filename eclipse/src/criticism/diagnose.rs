@@ -9,7 +9,7 @@ use super::{
     fit::{Fit, FitError},
     frame_numbers::FrameNumbers,
     light::Light,
-    linearise::{Candidate, Jacobian},
+    linearise::Jacobian,
     locate::{self, Structured},
     refit::{self, Round},
     score::{Screen, screen},
@@ -120,15 +120,13 @@ pub fn diagnose<'a>(
         report("screening effects")?;
         let screened = Instant::now();
         let free = candidates.iter().copied();
-        let free: Vec<_> = free
-            .filter(|e| !fit.active.iter().any(|a| a.effect.id() == e.id()))
-            .collect();
+        let free = free.filter(|e| !fit.active.iter().any(|a| a.effect.id() == e.id()));
         let result = if rounds.is_empty() && light == Light::Environment {
-            let (result, of_occluders) = baselines::screened(&study, fit, &free)?;
+            let (result, of_occluders) = baselines::screened(&study, fit, free)?;
             behind = of_occluders;
             result
         } else {
-            screen_at(&study, fit, free.into_iter())?
+            screen_at(&study, fit, free)?
         };
         seconds.insert(
             format!("screen {}", rounds.len() + 1),
@@ -356,9 +354,7 @@ pub fn screen_at(
     effects: impl Iterator<Item = &'static dyn Effect>,
 ) -> Result<Screen, FitError> {
     let jacobian = Jacobian::new(study, fit)?;
-    let candidates: Vec<Candidate> = effects
-        .map(|effect| jacobian.candidate(study, fit, effect))
-        .collect::<Result<_, _>>()?;
+    let candidates = jacobian.candidates(study, fit, effects)?;
     Ok(screen(study, &jacobian, &candidates))
 }
 

@@ -94,9 +94,22 @@ impl Jacobian {
     /// Counts an effect's numbers among what is free, within their bounds, as light and texture are.
     pub fn take_for_granted(&mut self, candidate: &Candidate) {
         self.always.extend(candidate.columns.iter().cloned());
-        let terms = candidate.terms.iter();
-        let bounds = terms.map(|t| [t.least, t.most].map(|bound| bound / t.scale));
-        self.always_bounds.extend(bounds);
+        self.always_bounds.extend(candidate.bounds());
+    }
+
+    /// The columns of several effects that are not in the model yet.
+    ///
+    /// # Errors
+    /// As [`candidate`](Self::candidate).
+    pub fn candidates(
+        &self,
+        study: &Study<'_>,
+        fit: &Fit,
+        effects: impl Iterator<Item = &'static dyn Effect>,
+    ) -> Result<Vec<Candidate>, FitError> {
+        effects
+            .map(|effect| self.candidate(study, fit, effect))
+            .collect()
     }
 
     /// The columns of an effect that is not in the model yet.
@@ -155,6 +168,14 @@ impl Jacobian {
             columns,
             unit_size,
         })
+    }
+}
+
+impl Candidate {
+    /// Bounds of its coefficients, in deviations of their prior.
+    pub fn bounds(&self) -> impl Iterator<Item = [f64; 2]> {
+        let terms = self.terms.iter();
+        terms.map(|t| [t.least, t.most].map(|bound| bound / t.scale))
     }
 }
 

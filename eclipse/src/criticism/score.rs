@@ -228,12 +228,7 @@ fn solve(
     let mut bounds = jacobian.always_bounds.clone();
     if let Some(k) = k {
         columns.extend(layout.own[k].start - n..layout.own[k].end - n);
-        bounds.extend(
-            candidates[k]
-                .terms
-                .iter()
-                .map(|t| [t.least, t.most].map(|bound| bound / t.scale)),
-        );
+        bounds.extend(candidates[k].bounds());
     }
     let mut system = System::zero(columns.len());
     for part in reduced {

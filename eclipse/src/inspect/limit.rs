@@ -98,17 +98,25 @@ pub fn at_a_glance(capture: &Capture, memory: u64) -> Result<LimitInspection, Gl
         return Err(GlanceError::TooMuch { pixels });
     }
     let limits = limits(capture, GLANCE, MODEL_ERROR, 0)?;
-    let of = |operator: bool| {
-        let limit = limits
-            .iter()
-            .find(|l| l.known.operator == operator && !l.known.albedo);
-        limit.map(|limit| limit.error).ok_or(GlanceError::Missing)
-    };
+    let [with_somebody, with_nobody] = of_unknown_albedo(&limits).ok_or(GlanceError::Missing)?;
     Ok(LimitInspection {
         texel: 180.0 / GLANCE.rows as f64,
-        with_somebody: of(true)?,
-        with_nobody: of(false)?,
+        with_somebody,
+        with_nobody,
     })
+}
+
+/// The errors that are left where the albedo is not known, with somebody at a known place in the light and with nobody.
+pub fn of_unknown_albedo(limits: &[Limit]) -> Option<[f64; 2]> {
+    let error = |operator| {
+        let wanted = Known {
+            operator,
+            albedo: false,
+        };
+        let limit = limits.iter().find(|limit| limit.known == wanted);
+        limit.map(|limit| limit.error)
+    };
+    Some([error(true)?, error(false)?])
 }
 
 /// How finely it is computed.

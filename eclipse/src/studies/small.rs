@@ -15,7 +15,7 @@ use crate::{
         Truth,
         materials::{Specular, TrueAlbedo},
     },
-    inspect::limit::{Grain, Known, MODEL_ERROR, limits},
+    inspect::limit::{Grain, MODEL_ERROR, limits, of_unknown_albedo},
     settings::{Batch, Preset, Settings},
     synthesize::{Occluders, Pattern, Scene, Shooting, synthesize},
 };
@@ -193,21 +193,16 @@ pub(super) fn iterations(bench: &Bench<'_>) -> u64 {
     bench.of_scale(ITERATIONS)
 }
 
-/// How finely it is asked what small captures can resolve: at a glance, quick, in full.
-const GRAINS: [Grain; 3] = [
-    Grain {
-        rows: 8,
-        patches: 60,
-    },
-    Grain {
-        rows: 16,
-        patches: 300,
-    },
-    Grain {
-        rows: 16,
-        patches: 300,
-    },
-];
+/// How finely it is asked what small captures can resolve.
+const GRAIN: Grain = Grain {
+    rows: 16,
+    patches: 300,
+};
+/// The same at a glance.
+const GLANCE: Grain = Grain {
+    rows: 8,
+    patches: 60,
+};
 
 /// What the best linear estimate leaves of light's variation, with somebody at a known place in the light and with nobody, where
 /// the albedo is not known.
@@ -216,17 +211,9 @@ const GRAINS: [Grain; 3] = [
 /// A scene that cannot be rendered.
 pub(super) fn limit(bench: &Bench<'_>, setup: &Setup) -> Result<[f64; 2], StudyError> {
     let trial = setup.trial(setup.object.name())?;
-    let grain = bench.of_scale(GRAINS);
+    let grain = bench.of_scale([GLANCE, GRAIN, GRAIN]);
     let all = limits(&trial.capture, grain, MODEL_ERROR, setup.seed)?;
-    let error = |operator| {
-        let wanted = Known {
-            operator,
-            albedo: false,
-        };
-        let own = all.iter().find(|limit| limit.known == wanted);
-        own.map_or(f64::NAN, |limit| limit.error)
-    };
-    Ok([error(true), error(false)])
+    Ok(of_unknown_albedo(&all).unwrap_or([f64::NAN; 2]))
 }
 
 /// How small captures are reconstructed by the paper's algorithm: the same on any machine.
