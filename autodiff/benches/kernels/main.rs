@@ -1,11 +1,13 @@
 //! The two kernels that decide whether the tape is fast enough, each against a hand-written counterpart, interleaved in one
-//! run: GGX shading (with its gradient), and the contraction of coefficients with interpolated rows.
+//! run: GGX shading (with its gradient), and the contraction of coefficients with interpolated rows. Then lookups in tables of
+//! all sizes.
 //!
-//! `cargo bench -p autodiff --bench kernels -- [threads] [shading] [contraction]`
+//! `cargo bench -p autodiff --bench kernels -- [threads] [shading] [contraction] [tables]`
 
 mod contraction;
 mod hand;
 mod shading;
+mod tables;
 mod timing;
 
 fn main() {
@@ -20,7 +22,7 @@ fn main() {
         let wanted = |name: &str| {
             let mut names = std::env::args()
                 .skip(1)
-                .filter(|arg| ["shading", "contraction"].contains(&arg.as_str()))
+                .filter(|arg| ["shading", "contraction", "tables"].contains(&arg.as_str()))
                 .peekable();
             names.peek().is_none() || names.any(|arg| arg == name)
         };
@@ -29,6 +31,9 @@ fn main() {
         }
         if wanted("contraction") {
             contraction::run();
+        }
+        if wanted("tables") {
+            tables::run();
         }
     });
 }

@@ -9,7 +9,7 @@ mod simplify;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 pub(crate) use fuse::Fusion;
-pub(crate) use phase::{Body, NONE, Phase, PullKind};
+pub(crate) use phase::{Body, NONE, Phase, Pull, PullKind};
 pub(crate) use runs::{LIMIT, Run, Step};
 
 use crate::graph::{DomainInfo, IndexInfo, Node, NodeId, Op, Recording, Shape};

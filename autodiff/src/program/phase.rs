@@ -45,7 +45,7 @@ pub(crate) enum Body {
 pub(crate) struct Pull {
     pub target: NodeId,
     /// The node whose operand the target is.
-    user: NodeId,
+    pub user: NodeId,
     pub kind: PullKind,
 }
 

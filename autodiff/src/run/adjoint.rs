@@ -3,7 +3,7 @@
 use std::mem::take;
 
 use super::block::{Env, Lanes, View, Worker, into_adjoint};
-use super::chunk::Chunk;
+use super::chunk::{Chunk, Span};
 use super::corners::{rows, with_corners};
 use super::dense::dense_adjoint;
 use super::interpolation;
@@ -78,6 +78,11 @@ pub(super) fn element_adjoint<R: Lane>(
     }
 }
 
+/// How many lanes a chunk has, which of them is the first of a block, and how many the block has.
+fn within(span: &Span, lanes: Lanes) -> (usize, usize, usize) {
+    (span.lanes.len(), lanes.start - span.lanes.start, lanes.len)
+}
+
 /// Adjoints of operands that are whole: accumulated by the chunk.
 pub(super) fn whole_adjoint<R: Lane>(
     env: &Env<R>,
@@ -118,8 +123,12 @@ pub(super) fn whole_adjoint<R: Lane>(
         }
         Op::Gather(index) => {
             if let Some(at) = pull(input, PullKind::Table) {
-                let index = &env.indices[*index][lanes.start..lanes.start + lanes.len];
                 let table = chunk.pull[at].as_mut_slice();
+                if let Some(bucketing) = env.bucketings[at] {
+                    bucketing.keep(table, within(&chunk.span, lanes), (g, pitch), &[]);
+                    return;
+                }
+                let index = &env.indices[*index][lanes.start..lanes.start + lanes.len];
                 lookup::scatter(env.arch, table, rows(env, id), index, g);
             }
         }
@@ -133,11 +142,19 @@ pub(super) fn whole_adjoint<R: Lane>(
                     id,
                     view,
                     |_| true,
-                    |corners| {
-                        let rows = rows(env, id);
-                        interpolation::scatter_weighted(
-                            env.arch, table, rows, lanes.len, corners, g,
-                        );
+                    |corners| match env.bucketings[at] {
+                        Some(bucketing) => {
+                            let lanes = within(&chunk.span, lanes);
+                            bucketing.keep(table, lanes, (g, pitch), corners);
+                        }
+                        None => interpolation::scatter_weighted(
+                            env.arch,
+                            table,
+                            rows(env, id),
+                            lanes.len,
+                            corners,
+                            g,
+                        ),
                     },
                 );
             }

@@ -156,7 +156,10 @@ impl<R: Lane> State<R> {
             let layout = Layout::new(program, &self.extent, id, pull.kind);
             let chunks = &mut self.chunks[p];
             let target = target.as_mut_slice();
-            if pull.kind == PullKind::Table {
+            if let Some(bucketing) = self.bucketings[p][i] {
+                let lookups = (program, &self.indices[..]);
+                bucketing.assemble(lookups, pull.user, (chunks, i), target, add);
+            } else if pull.kind == PullKind::Table {
                 layout.assemble_table(self.arch, chunks, i, target, add);
             } else {
                 layout.assemble(self.arch, chunks, |chunk| &chunk.pull[i], target, add);

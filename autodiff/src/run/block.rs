@@ -4,6 +4,7 @@ use std::mem::take;
 
 use pulp::Arch;
 
+use super::bucketing::Bucketing;
 use super::chunk::{Chunk, Span};
 use super::plan::Plan;
 use super::sizes::Extent;
@@ -100,6 +101,8 @@ pub(super) struct Env<'a, R> {
     pub replay: &'a [bool],
     /// Plans of the phase's runs.
     pub plans: &'a [Plan],
+    /// Which of the phase's pulls go to large tables.
+    pub bucketings: &'a [Option<Bucketing>],
 }
 
 /// Lanes of a block.

@@ -2,18 +2,19 @@
 
 use std::ops::Range;
 
+use super::bucketing::Bucketing;
 use super::lookup::row_width;
 use super::rows::PARTIALS;
 use super::sizes::Extent;
 use crate::buffer::Buffer;
 use crate::graph::{NodeId, Op};
-use crate::program::{Phase, Program, PullKind};
+use crate::program::{Phase, Program, Pull, PullKind};
 use crate::real::Real;
 
 /// Elements below which a chunk is not worth sharing.
 const SMALLEST: usize = 4096;
-/// Chunks of a phase that scatters into tables: each holds a private copy of the tables' adjoints.
-const SCATTERING: usize = 16;
+/// Chunks of a phase that scatters into tables: each holds a private copy of the adjoints of small tables.
+pub(super) const SCATTERING: usize = 16;
 /// Chunks of other phases.
 const PLAIN: usize = 64;
 
@@ -26,11 +27,7 @@ pub(super) struct Span {
 
 /// Divides the lanes of a phase.
 pub(super) fn spans(program: &Program, extent: &Extent, phase: &Phase) -> Vec<Span> {
-    let lanes = extent.lanes[phase.domain];
-    let scatters = phase.pulls.iter().any(|pull| pull.kind == PullKind::Table);
-    let most = if scatters { SCATTERING } else { PLAIN };
-    let work = lanes.saturating_mul(widest(program, extent, phase));
-    let count = (work / SMALLEST).clamp(1, most);
+    let (lanes, count) = (extent.lanes[phase.domain], chunks(program, extent, phase));
     let mut spans = Vec::with_capacity(count);
     let mut start = Span {
         lanes: 0..0,
@@ -60,6 +57,15 @@ pub(super) fn spans(program: &Program, extent: &Extent, phase: &Phase) -> Vec<Sp
     spans
 }
 
+/// How many chunks a phase has.
+pub(super) fn chunks(program: &Program, extent: &Extent, phase: &Phase) -> usize {
+    let lanes = extent.lanes[phase.domain];
+    let scatters = phase.pulls.iter().any(|pull| pull.kind == PullKind::Table);
+    let most = if scatters { SCATTERING } else { PLAIN };
+    let work = lanes.saturating_mul(widest(program, extent, phase));
+    (work / SMALLEST).clamp(1, most)
+}
+
 /// Where the `i`-th of `count` chunks ends, counted from one. Chunks shrink from 8/5 of the mean to 2/5 of it: threads that
 /// take them in turn then end at nearly the same time, however fast each of them is.
 fn end(lanes: usize, i: usize, count: usize) -> usize {
@@ -85,6 +91,8 @@ pub(super) struct Chunk<R> {
     pub sink: Vec<Buffer<R>>,
     pub sink_tangent: Vec<Buffer<R>>,
     pub pull: Vec<Buffer<R>>,
+    /// Lanes in the order of the rows that they go to, for pulls of large tables; empty for others.
+    pub sorted: Vec<Vec<u32>>,
 }
 
 impl<R: Real> Chunk<R> {
@@ -96,6 +104,7 @@ impl<R: Real> Chunk<R> {
             sink: Vec::new(),
             sink_tangent: Vec::new(),
             pull: Vec::new(),
+            sorted: Vec::new(),
         }
     }
 
@@ -107,7 +116,13 @@ impl<R: Real> Chunk<R> {
             &self.sink_tangent,
             &self.pull,
         ];
-        buffers.into_iter().flatten().map(Buffer::bytes).sum()
+        let sorted = self.sorted.iter().map(|sorted| size_of_val(&sorted[..]));
+        buffers
+            .into_iter()
+            .flatten()
+            .map(Buffer::bytes)
+            .sum::<usize>()
+            + sorted.sum::<usize>()
     }
 }
 
@@ -134,20 +149,26 @@ pub(super) fn pull_len(
     program: &Program,
     extent: &Extent,
     span: &Span,
-    target: NodeId,
-    kind: PullKind,
+    pull: &Pull,
+    bucketing: Option<Bucketing>,
 ) -> usize {
-    let shape = program.nodes[target].shape;
+    let shape = program.nodes[pull.target].shape;
     let (channels, axis) = (shape.channels, extent.axis(shape.axis));
     let partial = channels * if axis == 1 { PARTIALS } else { 0 };
-    match kind {
-        PullKind::Lanes => channels * span.lanes.len() * axis,
-        PullKind::Parents => channels * span.parents.len() * axis + partial,
-        PullKind::Table => row_width(channels, axis) * extent.lanes[shape.domain],
-        PullKind::Uniform if axis == 1 => partial,
-        PullKind::Uniform => channels * axis,
-        PullKind::Weight => channels,
+    match (pull.kind, bucketing) {
+        (PullKind::Lanes, _) => channels * span.lanes.len() * axis,
+        (PullKind::Parents, _) => channels * span.parents.len() * axis + partial,
+        (PullKind::Table, Some(bucketing)) => bucketing.kept_len(span.lanes.len()),
+        (PullKind::Table, None) => row_width(channels, axis) * extent.lanes[shape.domain],
+        (PullKind::Uniform, _) if axis == 1 => partial,
+        (PullKind::Uniform, _) => channels * axis,
+        (PullKind::Weight, _) => channels,
     }
+}
+
+/// How many numbers sort the lanes of a chunk for an adjoint.
+pub(super) fn sorted_len(span: &Span, bucketing: Option<Bucketing>) -> usize {
+    bucketing.map_or(0, |bucketing| bucketing.sorted_len(span.lanes.len()))
 }
 
 /// Makes `buffers` hold one array of each length.

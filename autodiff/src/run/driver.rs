@@ -7,7 +7,8 @@ use pulp::Arch;
 use rayon::prelude::*;
 
 use super::block::{Env, Place, Whole, Worker, places};
-use super::chunk::{Chunk, ensure, pull_len, sink_len, spans, store_len, widest};
+use super::bucketing::Bucketing;
+use super::chunk::{Chunk, ensure, pull_len, sink_len, sorted_len, spans, store_len, widest};
 use super::fused::Fused;
 use super::lane::Lane;
 use super::lookup::interleave;
@@ -37,6 +38,8 @@ pub(super) struct State<R: Lane> {
     pub seeded: Vec<bool>,
     pub(super) replay: Vec<bool>,
     pub(super) chunks: Vec<Vec<Mutex<Chunk<R>>>>,
+    /// Phase by phase, which of its pulls go to large tables.
+    pub(super) bucketings: Vec<Vec<Option<Bucketing>>>,
     pub(super) strides: Vec<usize>,
     pub(super) places: Vec<Vec<Place>>,
     /// Phases whose gradient is computed in one go.
@@ -84,6 +87,13 @@ impl<R: Lane> State<R> {
         let plans = program.phases.iter().zip(&resolved);
         let plans = plans.map(|(phase, places)| forward_plans(program, phase, places));
         let plans = plans.collect();
+        let bucketings = program.phases.iter().map(|phase| {
+            let pulls = phase.pulls.iter();
+            pulls
+                .map(|pull| Bucketing::of(program, &extent, phase, pull))
+                .collect()
+        });
+        let bucketings = bucketings.collect();
         let threads = threads(sizes);
         let mut state = State {
             values: empty(),
@@ -107,6 +117,7 @@ impl<R: Lane> State<R> {
             chunks,
             fused: Fused::new(program, &extent, &strides, &resolved).map(Arc::new),
             strides,
+            bucketings,
             places: resolved,
             plans,
             written: Vec::new(),
@@ -283,11 +294,16 @@ impl<R: Lane> State<R> {
             };
             match pass {
                 Pass::Adjoints => {
-                    let pull = phase
-                        .pulls
-                        .iter()
-                        .map(|pull| pull_len(program, extent, &span, pull.target, pull.kind));
-                    ensure(&mut chunk.pull, pull);
+                    let bucketings = &self.bucketings[p];
+                    let pulls = phase.pulls.iter().zip(bucketings);
+                    let pulls = pulls.map(|(pull, b)| pull_len(program, extent, &span, pull, *b));
+                    ensure(&mut chunk.pull, pulls);
+                    chunk.sorted.resize_with(bucketings.len(), Vec::new);
+                    for (sorted, bucketing) in chunk.sorted.iter_mut().zip(bucketings) {
+                        if sorted.len() != sorted_len(&span, *bucketing) {
+                            *sorted = vec![0; sorted_len(&span, *bucketing)];
+                        }
+                    }
                 }
                 _ => {
                     ensure(&mut chunk.store, store());
@@ -355,6 +371,7 @@ impl<R: Lane> State<R> {
             seeded: &self.seeded,
             replay: &self.replay,
             plans: &self.plans[p],
+            bucketings: &self.bucketings[p],
         }
     }
 }

@@ -1,6 +1,7 @@
 //! How much memory a program will need, before it is allocated.
 
-use super::chunk::{pull_len, sink_len, spans, store_len, widest};
+use super::bucketing::Bucketing;
+use super::chunk::{pull_len, sink_len, sorted_len, spans, store_len, widest};
 use super::fused;
 use super::lane::Lane;
 use super::lookup::row_width;
@@ -130,9 +131,12 @@ impl Program {
                 let kept: usize = stores.chain(sinks).map(bytes).sum();
                 memory.values += kept;
                 memory.tangents += kept;
-                let pulls = phase.pulls.iter();
-                let pulls = pulls.map(|pull| pull_len(self, extent, &span, pull.target, pull.kind));
-                memory.adjoints += pulls.map(bytes).sum::<usize>();
+                for pull in &phase.pulls {
+                    let bucketing = Bucketing::of(self, extent, phase, pull);
+                    let sorted = sorted_len(&span, bucketing) * size_of::<u32>();
+                    memory.adjoints +=
+                        bytes(pull_len(self, extent, &span, pull, bucketing)) + sorted;
+                }
             }
             arena.fit(self, extent, phase, sizes);
         }

@@ -4,6 +4,7 @@ mod adjoint;
 mod assemble;
 mod backward;
 mod block;
+mod bucketing;
 mod chunk;
 mod contract;
 mod contract_kernel;

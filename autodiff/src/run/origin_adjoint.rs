@@ -226,9 +226,12 @@ fn accumulated<R: Lane>(
     user: NodeId,
     id: NodeId,
 ) -> Option<(Spot, f64)> {
-    let mut pulls = env.phase.pulls.iter().zip(&chunk.pull);
-    let spoilt = pulls
-        .any(|(pull, sums)| pull.is(id, user) && sums.as_slice().iter().any(|x| !x.is_finite()));
+    let pulls = env.phase.pulls.iter().zip(env.bucketings).zip(&chunk.pull);
+    let mut pulls = pulls.filter(|((pull, _), _)| pull.is(id, user));
+    let spoilt = pulls.any(|((_, bucketing), sums)| match bucketing {
+        Some(bucketing) => bucketing.spoils(sums.as_slice(), chunk.span.lanes.len()),
+        None => sums.as_slice().iter().any(|x| !x.is_finite()),
+    });
     spoilt.then(|| WholeAdjoints::of(env).spoilt(id)).flatten()
 }
 

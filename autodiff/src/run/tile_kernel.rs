@@ -13,7 +13,7 @@ use crate::op::kernel::Kernel;
 use crate::op::tile::{Row, TILE, evaluate, load, pass, store};
 use crate::real::Real;
 
-/// What fills rows of a tile, or what their adjoints go to.
+/// What fills rows of a tile.
 #[derive(Clone, Copy)]
 pub(super) enum Lookup<'a, R> {
     /// The values of parents; as many to a channel as there are parents.
@@ -28,6 +28,26 @@ pub(super) struct Filled<'a, R> {
     pub row: usize,
     pub channels: usize,
     pub lookup: Lookup<'a, R>,
+}
+
+/// Where the adjoints of a lookup's rows go.
+#[derive(Clone, Copy, Default)]
+pub(super) enum Destination<'a> {
+    /// To their parents.
+    #[default]
+    Parents,
+    /// To the rows of the chunk's own table.
+    Table { index: &'a [u32] },
+    /// To what the chunk keeps of `all` lanes, from the `first` on.
+    Lanes { all: usize, first: usize },
+}
+
+/// The rows of a lookup, on the way back.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Scattered<'a> {
+    pub row: usize,
+    pub channels: usize,
+    pub into: Destination<'a>,
 }
 
 /// A sum over the lanes of rows: which accumulation, and of what.
@@ -138,7 +158,7 @@ pub(super) struct Reverse<'a, R> {
     pub spreads: &'a [Spread<'a, R>],
     pub targets: &'a mut [Buffer<R>],
     /// Where adjoints of lookups go, one accumulation each.
-    pub scatters: &'a [Filled<'a, R>],
+    pub scatters: &'a [Scattered<'a>],
     pub pulls: &'a mut [Buffer<R>],
 }
 
@@ -190,8 +210,8 @@ impl<R: Real> Kernel for Reverse<'_, R> {
             }
             for (scatter, target) in self.scatters.iter().zip(&mut *self.pulls) {
                 let rows = &adjoints[scatter.row..scatter.row + scatter.channels];
-                match scatter.lookup {
-                    Lookup::Parents { .. } => {
+                match scatter.into {
+                    Destination::Parents => {
                         let sum = Summed {
                             row: 0,
                             channels: scatter.channels,
@@ -200,7 +220,13 @@ impl<R: Real> Kernel for Reverse<'_, R> {
                         };
                         accumulate(sum, rows, len, 0, &parts, block.span, target);
                     }
-                    Lookup::Table { index, .. } => {
+                    Destination::Lanes { all, first } => {
+                        for (c, row) in rows.iter().enumerate() {
+                            let start = c * all + first + at;
+                            store(&mut target.as_mut_slice()[start..start + len], row);
+                        }
+                    }
+                    Destination::Table { index } => {
                         let shape = table_rows(scatter.channels);
                         let index = &index[at..at + len];
                         scatter_rows(target.as_mut_slice(), shape, index, rows.as_flattened());

@@ -8,10 +8,12 @@ use super::chunk::{Chunk, Span};
 use super::lane::Lane;
 use super::list::list;
 use super::passes::sink_position;
-use super::plan::Values;
+use super::plan::{LookupAdjoint, Values};
 use super::segments::segments_of;
 use super::sizes::Extent;
-use super::tile_kernel::{Block, Filled, Forward, Lookup, Reverse, Spread, Summed, Tiles};
+use super::tile_kernel::{
+    Block, Destination, Filled, Forward, Lookup, Reverse, Scattered, Spread, Summed, Tiles,
+};
 use super::value::values;
 use crate::buffer::Buffer;
 use crate::graph::{NodeId, Op};
@@ -216,9 +218,9 @@ pub(super) fn reverse<R: Lane>(
             mean: summed.mean,
         };
     }
-    list!(scatters, plan.lookups.len(), no_lookup(), LIMIT);
+    list!(scatters, plan.lookups.len(), Scattered::default(), LIMIT);
     for (scatter, lookup) in scatters.iter_mut().zip(&plan.lookups) {
-        *scatter = filled(env, worker, lanes, lookup.id, lookup.row);
+        *scatter = scattered(env, &chunk.span, lanes, lookup);
     }
     list!(sources, run.externals.len(), &[][..], LIMIT);
     list!(lookups, run.lookups.len(), no_lookup(), LIMIT);
@@ -330,6 +332,31 @@ fn filled<'a, R: Lane>(
         row,
         channels: node.shape.channels,
         lookup,
+    }
+}
+
+/// Where the adjoints of a lookup's rows go.
+fn scattered<'a, R: Lane>(
+    env: &'a Env<'a, R>,
+    span: &Span,
+    lanes: Lanes,
+    lookup: &LookupAdjoint,
+) -> Scattered<'a> {
+    let node = &env.program.nodes[lookup.id];
+    let into = match (&node.op, env.bucketings[lookup.pull]) {
+        (Op::Gather(_), Some(_)) => Destination::Lanes {
+            all: span.lanes.len(),
+            first: lanes.start - span.lanes.start,
+        },
+        (Op::Gather(index), None) => Destination::Table {
+            index: &env.indices[*index][lanes.start..lanes.start + lanes.len],
+        },
+        _ => Destination::Parents,
+    };
+    Scattered {
+        row: lookup.row,
+        channels: node.shape.channels,
+        into,
     }
 }
 

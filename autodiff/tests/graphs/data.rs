@@ -10,6 +10,8 @@ use super::record::{MATRIX, PARAMS, TEXELS};
 pub struct Data {
     counts: Vec<u32>,
     frames: usize,
+    /// Rows of a table.
+    places: usize,
     seed: u64,
 }
 
@@ -18,11 +20,18 @@ pub fn data() -> impl Strategy<Value = Data> {
     prop_oneof![15 => few(), 1 => many()]
 }
 
+/// Few rows, or now and then so many that a table is large for its lookups.
+fn places() -> impl Strategy<Value = usize> {
+    prop_oneof![4 => 5usize..9, 2 => 500usize..900, 1 => 30_000usize..40_000]
+}
+
 pub fn many() -> impl Strategy<Value = Data> {
-    (2000usize..2600, 3usize..16, any::<u64>()).prop_map(|(pixels, frames, seed)| {
+    let sizes = (2000usize..2600, 3usize..16, places(), any::<u64>());
+    sizes.prop_map(|(pixels, frames, places, seed)| {
         let mut data = Data {
             counts: Vec::new(),
             frames,
+            places,
             seed,
         };
         let count = |i| match data.number(50, i) {
@@ -39,11 +48,13 @@ pub fn few() -> impl Strategy<Value = Data> {
     (
         prop::collection::vec(count, 0..12),
         1usize..20,
+        places(),
         any::<u64>(),
     )
-        .prop_map(|(counts, frames, seed)| Data {
+        .prop_map(|(counts, frames, places, seed)| Data {
             counts,
             frames,
+            places,
             seed,
         })
 }
@@ -64,9 +75,17 @@ impl Data {
             .collect()
     }
 
-    pub fn lens(&self) -> [usize; 5] {
+    pub fn lens(&self) -> [usize; PARAMS.len()] {
         let pixels = self.counts.len();
-        [3 * pixels, pixels * self.frames, 2 * TEXELS, 1, MATRIX]
+        let table = 2 * self.places;
+        [
+            3 * pixels,
+            pixels * self.frames,
+            2 * TEXELS,
+            1,
+            MATRIX,
+            table,
+        ]
     }
 
     pub fn params<S: Scalar>(&self) -> Vec<Vec<S>> {
@@ -97,6 +116,7 @@ impl Data {
         Sizes::new()
             .lanes("pixels", self.counts.len())
             .lanes("texels", TEXELS)
+            .lanes("places", self.places)
             .offsets("samples", offsets(&self.counts))
             .offsets("parts", offsets(&self.parts()))
             .axis("frames", self.frames)
@@ -106,11 +126,12 @@ impl Data {
     pub fn workspace<S: Scalar>(&self, program: &Program, block: usize) -> Workspace<S> {
         let n = self.counts.iter().sum::<u32>() as usize;
         let mut ws = program.workspace::<S>(&self.sizes(block)).unwrap();
-        let index = |array| -> Vec<u32> {
+        let index_of = |array, rows: usize| -> Vec<u32> {
             (0..n)
-                .map(|i| (self.number(array, i) * TEXELS as f64) as u32)
+                .map(|i| (self.number(array, i) * rows as f64) as u32)
                 .collect()
         };
+        let index = |array| index_of(array, TEXELS);
         // An index that always names the same row, on some seeds.
         let same = vec![3; n];
         let first = if self.seed.is_multiple_of(4) {
@@ -120,6 +141,8 @@ impl Data {
         };
         ws.set_index("first", &first).unwrap();
         ws.set_index("second", &index(21)).unwrap();
+        ws.set_index("near", &index_of(26, self.places)).unwrap();
+        ws.set_index("far", &index_of(27, self.places)).unwrap();
         ws.set("weight", &self.array::<S>(22, n, 0.0)).unwrap();
         let parts = self.parts().iter().sum::<u32>() as usize;
         ws.set("share", &self.array::<S>(25, parts, 0.0)).unwrap();

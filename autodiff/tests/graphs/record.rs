@@ -2,17 +2,19 @@
 
 use std::sync::Arc;
 
-use autodiff::{CustomOp, Detached, Fma, Graph, LinearMap, Program, Real, Scalar, Var};
+use autodiff::{
+    CustomOp, CustomVecOp, Detached, Fma, Graph, LinearMap, Program, Real, Scalar, Var,
+};
 
 pub const TEXELS: usize = 7;
-pub const PARAMS: [&str; 5] = ["pixel", "row", "texel", "scale", "matrix"];
+pub const PARAMS: [&str; 6] = ["pixel", "row", "texel", "scale", "matrix", "place"];
 /// Channels of the matrix: what has as many channels as divide it can be multiplied.
 pub const MATRIX: usize = 6;
 
 /// What to record next: an operation, and the operands to take among those recorded.
 pub type Step = (u8, usize, usize);
 
-/// A graph of random steps over three domains and an axis, on values kept near 1 so that nothing overflows.
+/// A graph of random steps over domains and an axis, on values kept near 1 so that nothing overflows.
 pub fn record(steps: &[Step]) -> Program {
     record_with(steps, true, true)
 }
@@ -28,6 +30,10 @@ pub fn record_with(steps: &[Step], simplify: bool, detach: bool) -> Program {
         g.index("first", &sample, &texel),
         g.index("second", &sample, &texel),
     ];
+    // A table that may be large for its lookups.
+    let places = g.domain("places");
+    let place = g.param("place", &places, 2);
+    let [near, far] = ["near", "far"].map(|name| g.index(name, &sample, &places));
     let weight: Detached = g.input("weight", &sample, 1);
     let visible = g.mask("visible", &sample);
     // Keeps values away from kinks, on either side.
@@ -51,7 +57,7 @@ pub fn record_with(steps: &[Step], simplify: bool, detach: bool) -> Program {
         let compatible = |u: &Var, v: &Var| {
             u.channels() == v.channels() || u.channels() == 1 || v.channels() == 1
         };
-        match kind % 40 {
+        match kind % 44 {
             0 => samples.push(p.expand(&sample)),
             1 => samples.push(x.gather(&index[b % 2])),
             2 => samples
@@ -138,6 +144,20 @@ pub fn record_with(steps: &[Step], simplify: bool, detach: bool) -> Program {
             37 if compatible(u, v) => samples.push(settle(u.segment_dot(v) * 0.3)),
             38 if compatible(u, v) => parts.push(settle(u * v + u.square())),
             39 => parts.push(settle(p.sum_axis().expand(&sample).expand(&part))),
+            // A large table, and several results.
+            40 => samples.push(place.gather(&near)),
+            41 => {
+                let share = s.sum_axis().channel(0);
+                let rest = 1.5 - &share;
+                samples.push(settle(
+                    place.gather_weighted(&[(&near, &share), (&far, &rest)]),
+                ));
+            }
+            42 => samples.push((&place * &scale).gather(&far) * s.sum_axis().channel(0)),
+            43 if compatible(s, t) => {
+                let [sum, share] = g.custom_vec(SumAndShare, [s, t]);
+                samples.extend([settle(sum), settle(share)]);
+            }
             _ => samples.push(visible.select(s, s) + weight.detach().detach() * 1.0),
         }
     }
@@ -164,6 +184,18 @@ impl CustomOp<2> for Ratio {
     }
     fn eval<R: Real, F: Fma>(&self, [a, b]: [R; 2]) -> R {
         a / (R::from_f64(1.0) + b * b)
+    }
+}
+
+/// One of two results.
+struct SumAndShare;
+
+impl CustomVecOp<2, 2> for SumAndShare {
+    fn name(&self) -> &'static str {
+        "sum and share"
+    }
+    fn eval<R: Real, F: Fma>(&self, [a, b]: [R; 2]) -> [R; 2] {
+        [a + b, a * b / (R::from_f64(1.0) + a * a)]
     }
 }
 
