@@ -5,7 +5,7 @@ use std::{fs, io::BufWriter, path::Path};
 
 use eclipse::{
     capture::Capture,
-    image_io::linear_to_srgb,
+    image_io::{ExrOptions, Precision, linear_to_srgb, write_exr_with},
     mesh_io::MeshSurface,
     reconstruction::{Reconstruction, VertexMaterial},
     relight::{Object, Quality, Stage, picture},
@@ -148,11 +148,47 @@ fn the_object_turns_and_its_light_is_exposed_turned_chosen_and_dropped() {
     let middle = reddened.get_pixel(reddened.width() / 2, reddened.height() / 2);
     assert!(middle[0] > 40 && middle[1] < 5, "{middle:?}");
 
+    // OpenEXR as eclipse writes it, of half floats and of full ones, with an opacity that says nothing of light.
+    let blue = folder.path().join("blue.exr");
+    let texels = [0.0, 0.0, 0.5, 0.25].repeat(64 * 32);
+    let light = Image {
+        width: 64,
+        height: 32,
+        channels: 4,
+        data: texels,
+    };
+    let mut deep = Vec::new();
+    for precision in [Precision::Half, Precision::Float] {
+        browser.click("viewer-recovered", [0.5, 0.5]);
+        browser.wait_for(&format!("{MESSAGE} === 'Under the recovered light.'"));
+        let options = ExrOptions {
+            precision,
+            ..ExrOptions::default()
+        };
+        write_exr_with(&blue, &light, &["R", "G", "B", "A"], &options).unwrap();
+        deep = fs::read(&blue).unwrap();
+        browser.choose_file("viewer-file", &blue);
+        browser.wait_for(&format!("{MESSAGE} === 'Under blue.exr, 64 × 32.'"));
+        let shown = browser.picture("viewer-canvas");
+        let middle = shown.get_pixel(shown.width() / 2, shown.height() / 2);
+        assert!(middle[2] > 40 && middle[0] < 5, "{middle:?}");
+    }
+    browser.drop_file("viewer-drop", &red);
+    browser.wait_for(&format!("{MESSAGE} === 'Under red.hdr, 64 × 32.'"));
+    let mut damaged = deep.clone();
+    let last = damaged.len() - 40;
+    damaged[last..].fill(0x55);
+    let mut tiled = deep.clone();
+    tiled[5] |= 2;
+
     // What cannot be read is said, and changes nothing.
     let whole = fs::read(&red).unwrap();
     for (name, bytes, word) in [
         ("short.hdr", &whole[..whole.len() / 2], "cannot be used"),
-        ("other.exr", &b"\x76\x2f\x31\x01"[..], "eclipse relight"),
+        ("short.exr", &deep[..deep.len() / 2], "cannot be used"),
+        ("other.exr", &damaged, "damaged"),
+        ("tiled.exr", &tiled, "tiles"),
+        ("empty.exr", &b"\x76\x2f\x31\x01"[..], "neither"),
     ] {
         let path = folder.path().join(name);
         fs::write(&path, bytes).unwrap();

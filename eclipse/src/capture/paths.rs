@@ -43,7 +43,7 @@ impl Folder {
         if canonical.is_file() {
             return Err(CaptureError::File {
                 path: path.into(),
-                hint: format!("give its own: {}", folder_of(path).display()),
+                hint: format!("give its own: {}", capture_folder(path).display()),
             });
         }
         Ok(Self {
@@ -248,7 +248,7 @@ impl Folder {
 }
 
 /// The folder of the capture that the file `path` belongs to.
-fn folder_of(path: &Path) -> &Path {
+fn capture_folder(path: &Path) -> &Path {
     let parent = path.parent().unwrap_or(Path::new(""));
     // Of COLMAP's models, numbered or alone.
     let is_number = |name: &OsStr| name.to_string_lossy().parse::<u32>().is_ok();
@@ -298,7 +298,7 @@ mod tests {
             ("sparse/0/images.bin", "."),
             ("/transforms.json", "/"),
         ] {
-            assert_eq!(folder_of(Path::new(file)), Path::new(folder), "{file}");
+            assert_eq!(capture_folder(Path::new(file)), Path::new(folder), "{file}");
         }
     }
 }

@@ -14,8 +14,9 @@ use crate::{
 };
 
 /// The scripts of the viewer, in the order in which they need each other; they share one scope of their own.
-const SCRIPTS: [&str; 4] = [
+const SCRIPTS: [&str; 5] = [
     include_str!("viewer/radiance.js"),
+    include_str!("viewer/openexr.js"),
     include_str!("viewer/light.js"),
     include_str!("viewer/shaders.js"),
     include_str!("viewer/viewer.js"),
@@ -100,7 +101,7 @@ impl Viewer {
              closer; arrow keys, + and − work too.</p>\n\
              <div id=\"viewer-controls\">\n<div class=\"control\"><button id=\"viewer-recovered\" type=\"button\">Recovered \
              light</button><button id=\"viewer-lamp\" type=\"button\">A lamp</button><label class=\"button\">Choose a map \
-             …<input id=\"viewer-file\" type=\"file\" accept=\".hdr,.pic,.rgbe\"></label></div>\n\
+             …<input id=\"viewer-file\" type=\"file\" accept=\".exr,.hdr,.pic,.rgbe\"></label></div>\n\
              <div class=\"control\"><label for=\"viewer-exposure\">Exposure</label><input id=\"viewer-exposure\" type=\"range\" \
              min=\"-6\" max=\"6\" step=\"0.25\" value=\"0\"><output id=\"viewer-stops\" for=\"viewer-exposure\">0 \
              stops</output></div>\n\
@@ -114,9 +115,9 @@ impl Viewer {
              aria-label=\"the recovered object, lit\" data-rows=\"{rows}\" data-columns=\"{columns}\"></canvas><figcaption \
              id=\"viewer-message\" role=\"status\">The viewer needs scripts.</figcaption></figure>\n\
              <details><summary>What is accepted, and what is approximated</summary><ul>\n\
-             <li>Maps are Radiance pictures (.hdr, RGBE), equirectangular and twice as wide as high, at most 8192 × 4096; top row \
-             up (+z), centre column along +x, azimuth falling to the right. They stay on this computer. OpenEXR maps are not read: of \
-             the light of any run, <code>{NAME}</code> has the same in this format.</li>\n\
+             <li>Maps are OpenEXR pictures (rows of one part; stored, RLE, ZIPS or ZIP) or Radiance pictures (.hdr, RGBE), \
+             equirectangular and twice as wide as high, at most 8192 × 4096; top row up (+z), centre column along +x, azimuth falling \
+             to the right. They stay on this computer.</li>\n\
              <li>Every map is shown as bright on average as the recovered light; exposure counts from there. Values beyond \
              white clip; there is no tone curve.</li>\n\
              <li>There are no shadows: every point receives all light of its half of the sky, neither blocked nor reflected by \

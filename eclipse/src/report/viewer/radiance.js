@@ -13,7 +13,7 @@ function readRadiance(buffer) {
     return String.fromCharCode(...bytes.subarray(from, at++));
   };
   if (bytes[0] !== 35 || bytes[1] !== 63) {
-    throw new Error("it is not a Radiance picture, which begins with #?RADIANCE");
+    throw new Error("it is neither an OpenEXR picture nor a Radiance picture, which begins with #?RADIANCE");
   }
   for (let text = line(); text !== ""; text = line()) {
     if (text.startsWith("FORMAT=") && text.trim() !== "FORMAT=32-bit_rle_rgbe") {

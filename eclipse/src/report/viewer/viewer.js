@@ -241,13 +241,13 @@ async function take(file) {
   if (!file || !stage) return;
   say(`Reading ${file.name} …`);
   try {
-    const map = readRadiance(await file.arrayBuffer());
+    const bytes = await file.arrayBuffer();
+    const map = isOpenExr(bytes) ? await readOpenExr(bytes) : readRadiance(bytes);
     // The message is painted before the work begins.
     await new Promise((done) => setTimeout(done, 20));
     illuminate(map, `Under ${file.name}, ${map.width} × ${map.height}.`);
   } catch (error) {
-    const exr = /\.exr$/i.test(file.name) ? " A run's light lies beside it as environment.hdr; other OpenEXR maps go to eclipse relight, or become Radiance maps in any HDR tool." : "";
-    say(`${file.name} cannot be used: ${error.message}.${exr}`, true);
+    say(`${file.name} cannot be used: ${error.message}.`, true);
   }
 }
 element("file").addEventListener("change", (event) => {
