@@ -95,20 +95,22 @@ fuzz_target!(|input: Input| {
         offsets.push(offsets[p] + count);
     }
     let samples = offsets[pixels] as usize;
+    // Small, or large for its lookups.
+    let texels = if input.block % 2 == 0 { 5 } else { 700 };
     let sizes = Sizes::new()
         .lanes("pixel", pixels)
-        .lanes("texel", 5)
+        .lanes("texel", texels)
         .offsets("sample", offsets)
         .axis("axis", 3)
         .block(input.block as usize);
     let mut ws = program.workspace::<f64>(&sizes).expect("sound sizes");
     let number = |i: usize| ((i * 7919 + 13) % 101) as f64 / 50.0 - 1.0;
-    let lens = [3 * pixels, 3 * pixels, 15, 1, 6];
+    let lens = [3 * pixels, 3 * pixels, 3 * texels, 1, 6];
     let arrays = lens.map(|n| (0..n).map(number).collect::<Vec<f64>>());
     for (name, array) in params.iter().zip(&arrays) {
         ws.set(name, array).expect("the right length");
     }
-    let indices: Vec<u32> = (0..samples as u32).map(|i| i * 3 % 5).collect();
+    let indices: Vec<u32> = (0..samples as u32).map(|i| i * 3 % texels as u32).collect();
     ws.set_index("index", &indices).expect("in range");
     ws.set("light", &(0..samples).map(number).collect::<Vec<_>>()).expect("the right length");
     let bits: Vec<bool> = (0..samples).map(|i| i % 3 != 0).collect();

@@ -22,7 +22,7 @@ pub fn data() -> impl Strategy<Value = Data> {
 
 /// Few rows, or now and then so many that a table is large for its lookups.
 fn places() -> impl Strategy<Value = usize> {
-    prop_oneof![4 => 5usize..9, 2 => 500usize..900, 1 => 30_000usize..40_000]
+    prop_oneof![8 => 5usize..9, 4 => 500usize..900, 1 => 30_000usize..40_000]
 }
 
 pub fn many() -> impl Strategy<Value = Data> {
