@@ -124,12 +124,14 @@ pub(super) fn whole_adjoint<R: Lane>(
         Op::Gather(index) => {
             if let Some(at) = pull(input, PullKind::Table) {
                 let table = chunk.pull[at].as_mut_slice();
-                if let Some(bucketing) = env.bucketings[at] {
-                    bucketing.keep(table, within(&chunk.span, lanes), (g, pitch), &[]);
-                    return;
-                }
                 let index = &env.indices[*index][lanes.start..lanes.start + lanes.len];
-                lookup::scatter(env.arch, table, rows(env, id), index, g);
+                match env.bucketings[at] {
+                    Some(bucketing) => {
+                        let lanes = within(&chunk.span, lanes);
+                        bucketing.keep(table, lanes, (g, pitch), &[]);
+                    }
+                    None => lookup::scatter(env.arch, table, rows(env, id), index, g),
+                }
             }
         }
         Op::GatherWeighted(indices) => {

@@ -46,15 +46,12 @@ impl Bucketing {
         }
         let shape = program.nodes[pull.target].shape;
         let (channels, axis) = (shape.channels, extent.axis(shape.axis));
-        let (corners, weighted) = match &program.nodes[pull.user].op {
-            Op::GatherWeighted(indices) => (indices.len(), true),
-            _ => (1, false),
-        };
+        let user = &program.nodes[pull.user].op;
         let bucketing = Bucketing {
             channels,
             axis,
-            corners,
-            weighted,
+            corners: indices_of(user).len(),
+            weighted: matches!(user, Op::GatherWeighted(_)),
             table: extent.lanes[shape.domain],
         };
         let lanes = extent.lanes[phase.domain];
@@ -62,8 +59,9 @@ impl Bucketing {
             .table
             .saturating_mul(row_width(channels, axis))
             .saturating_mul(chunks(program, extent, phase));
-        let kept = bucketing.kept_len(lanes).saturating_add(lanes * corners);
-        let countable = u32::try_from(lanes.saturating_mul(corners)).is_ok();
+        let entries = lanes.saturating_mul(bucketing.corners);
+        let kept = bucketing.kept_len(lanes).saturating_add(entries);
+        let countable = u32::try_from(entries).is_ok();
         (countable && copies / WORTHWHILE >= kept).then_some(bucketing)
     }
 
@@ -112,9 +110,8 @@ impl Bucketing {
         let kept = Kept::new(self, kept, lanes);
         let mut corners = (0..lanes).flat_map(|lane| (0..self.corners).map(move |k| (lane, k)));
         corners.any(|(lane, k)| {
-            let row = (0..self.channels).flat_map(|c| kept.row(c, lane));
-            row.into_iter()
-                .any(|g| !times(*g, kept.weight(lane, k)).is_finite())
+            let mut adjoint = (0..self.channels).flat_map(|c| kept.row(c, lane));
+            adjoint.any(|g| !times(*g, kept.weight(lane, k)).is_finite())
         })
     }
 
@@ -158,12 +155,7 @@ impl Bucketing {
     ) {
         let indices = |chunk: &Chunk<R>| {
             let mut found: [&[u32]; CORNERS] = [&[]; CORNERS];
-            let numbers = match &program.nodes[user].op {
-                Op::Gather(index) => std::slice::from_ref(index),
-                Op::GatherWeighted(indices) => &indices[..],
-                _ => &[],
-            };
-            for (found, &number) in found.iter_mut().zip(numbers) {
+            for (found, &number) in found.iter_mut().zip(indices_of(&program.nodes[user].op)) {
                 *found = &arrays[number][chunk.span.lanes.clone()];
             }
             found
@@ -214,6 +206,15 @@ impl Bucketing {
                 *target = *target + times(*g, weight);
             }
         }
+    }
+}
+
+/// The index arrays of a lookup, one for each row that a lane reads.
+fn indices_of(op: &Op) -> &[usize] {
+    match op {
+        Op::Gather(index) => std::slice::from_ref(index),
+        Op::GatherWeighted(indices) => indices,
+        _ => &[],
     }
 }
 

@@ -74,7 +74,7 @@ function exrHeader(view) {
       found.compression = COMPRESSIONS[view.getUint8(start)] ?? "unknown";
     } else if (name === "dataWindow" && length === 16) {
       const [left, top, right, bottom] = [0, 4, 8, 12].map((k) => view.getInt32(start + k, true));
-      Object.assign(found, { left, top, width: right - left + 1, height: bottom - top + 1 });
+      Object.assign(found, { top, width: right - left + 1, height: bottom - top + 1 });
     } else if (name === "channels") {
       found.channels = [];
       for (let channel = text(); channel !== ""; channel = text()) {
