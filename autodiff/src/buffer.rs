@@ -30,9 +30,15 @@ impl<R: Real> Buffer<R> {
         }
     }
 
-    /// Makes this an array of `len` elements; contents survive only if the length was right already.
+    /// Makes this an array of `len` elements: zeros, unless the length was right already. Memory is kept where it suffices.
     pub fn ensure(&mut self, len: usize) {
-        if self.len != len {
+        if self.len == len {
+            return;
+        }
+        if self.start + len <= self.storage.len() {
+            self.len = len;
+            self.as_mut_slice().fill(R::default());
+        } else {
             *self = Buffer::zeros(len);
         }
     }

@@ -2,6 +2,7 @@
 
 use std::fmt::Debug;
 use std::ops::{Add, Div, Mul, Neg, Sub};
+use std::sync::Arc;
 
 use pulp::Simd;
 
@@ -64,6 +65,9 @@ pub trait Scalar: Real + crate::run::Engine {
     /// Takes a value and its derivative apart.
     #[doc(hidden)]
     fn split(dual: Self::Dual) -> (Self, Self);
+    /// An array of single precision, itself if that is this type.
+    #[doc(hidden)]
+    fn shared(values: &Arc<[f32]>) -> Arc<[Self]>;
 }
 
 /// Whether the instructions being compiled contain a fused multiply-add.
@@ -77,7 +81,7 @@ impl<S: Simd> Fma for S {
 }
 
 macro_rules! real {
-    ($t:ident, $exp:path, $ln:path, $sin:path, $cos:path) => {
+    ($t:ident, $exp:path, $ln:path, $sin:path, $cos:path, $shared:path) => {
         impl Real for $t {
             #[inline(always)]
             fn from_f64(value: f64) -> Self {
@@ -140,6 +144,9 @@ macro_rules! real {
             fn split(dual: Dual<$t>) -> (Self, Self) {
                 (dual.value, dual.derivative)
             }
+            fn shared(values: &Arc<[f32]>) -> Arc<[$t]> {
+                $shared(values)
+            }
         }
     };
 }
@@ -149,6 +156,11 @@ real!(
     math::exp::<F>,
     math::ln::<F>,
     math::sin::<F>,
-    math::cos::<F>
+    math::cos::<F>,
+    Arc::clone
 );
-real!(f64, f64::exp, f64::ln, f64::sin, f64::cos);
+real!(f64, f64::exp, f64::ln, f64::sin, f64::cos, widened);
+
+fn widened(values: &Arc<[f32]>) -> Arc<[f64]> {
+    values.iter().map(|&value| f64::from(value)).collect()
+}

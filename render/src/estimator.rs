@@ -2,7 +2,9 @@
 //!
 //! One program serves all iterations; each brings its own paths.
 
-use autodiff::{Graph, GraphError, Program, RunError, Sizes};
+use std::sync::{Mutex, PoisonError};
+
+use autodiff::{Graph, GraphError, Program, RunError, Sizes, Workspace};
 use glam::Vec3;
 
 use crate::bsdf::Model;
@@ -70,6 +72,8 @@ pub struct Estimator {
     options: EstimatorOptions,
     masks: MaskBasis,
     program: Program,
+    /// Of the last batch: the next has nearly as many samples.
+    workspace: Mutex<Option<Workspace<f32>>>,
 }
 
 /// Names of the two renders on the tape.
@@ -158,6 +162,7 @@ impl Estimator {
             options,
             masks: basis,
             program,
+            workspace: Mutex::new(None),
         })
     }
 
@@ -192,7 +197,19 @@ impl Estimator {
         for (name, render) in RENDERS.iter().zip(&renders) {
             sizes = batch_sizes(sizes, name, render.batch);
         }
-        let mut ws = self.program.workspace::<f32>(&sizes)?;
+        let last = || {
+            self.workspace
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+        };
+        let kept = last().take();
+        let mut ws = match kept {
+            Some(mut ws) => {
+                self.program.resize(&mut ws, &sizes)?;
+                ws
+            }
+            None => self.program.workspace::<f32>(&sizes)?,
+        };
         ws.set("environment", &unknowns.environment)?;
         if *frames > 0 {
             ws.set("occluders", &unknowns.occluders)?;
@@ -220,7 +237,9 @@ impl Estimator {
             gradients.network.weights[layer].copy_from_slice(ws.gradient(weight)?);
             gradients.network.biases[layer].copy_from_slice(ws.gradient(bias)?);
         }
-        Ok((f64::from(ws.output("loss")?[0]), gradients))
+        let loss = f64::from(ws.output("loss")?[0]);
+        *last() = Some(ws);
+        Ok((loss, gradients))
     }
 }
 

@@ -10,6 +10,7 @@
 mod legendre;
 
 use pulp::{Arch, NullaryFnOnce};
+use rayon::prelude::*;
 
 use self::legendre::normalised_legendre;
 
@@ -36,6 +37,8 @@ pub struct Harmonics<T> {
 
 /// Frames are processed in blocks of this many, held in registers while a sum runs.
 const BLOCK: usize = 16;
+/// Coefficients that a task of a transpose sums at least.
+const COEFFICIENTS: usize = 16;
 
 impl<T: Float> Harmonics<T> {
     /// Harmonics up to and including `degree` on `grid`.
@@ -90,24 +93,53 @@ impl<T: Float> Harmonics<T> {
     /// `coefficients` is `[coefficient][frame]`, `values` is `[texel][frame]` and is overwritten.
     pub fn synthesize(&self, coefficients: &[T], values: &mut [T], frames: usize) {
         self.check(coefficients.len(), values.len(), frames);
-        Arch::new().dispatch(Synthesis {
-            harmonics: self,
-            coefficients,
-            values,
-            frames,
-        });
+        let orders = || vec![T::ZERO; (2 * self.degree + 1) * frames];
+        values
+            .par_chunks_exact_mut((self.grid.columns * frames).max(1))
+            .enumerate()
+            .for_each_init(orders, |orders, (row, values)| {
+                Arch::new().dispatch(SynthesisRow {
+                    harmonics: self,
+                    coefficients,
+                    row,
+                    orders,
+                    values,
+                    frames,
+                });
+            });
     }
 
     /// The transpose of [`synthesize`](Self::synthesize): `coefficients` is overwritten.
     pub fn transpose(&self, values: &[T], coefficients: &mut [T], frames: usize) {
         self.check(coefficients.len(), values.len(), frames);
-        coefficients.fill(T::ZERO);
-        Arch::new().dispatch(Transpose {
-            harmonics: self,
-            values,
-            coefficients,
-            frames,
-        });
+        let (p, columns) = (self.degree, self.grid.columns);
+        // `[row][order][frame]`: rows are summed afterwards, in their order, by each coefficient.
+        let mut orders = vec![T::ZERO; self.grid.rows * (2 * p + 1) * frames];
+        let folded = || vec![T::ZERO; 2 * columns.div_ceil(2) * frames];
+        orders
+            .par_chunks_exact_mut(((2 * p + 1) * frames).max(1))
+            .zip(values.par_chunks_exact((columns * frames).max(1)))
+            .for_each_init(folded, |folded, (orders, values)| {
+                Arch::new().dispatch(TransposeRow {
+                    harmonics: self,
+                    values,
+                    folded,
+                    orders,
+                    frames,
+                });
+            });
+        coefficients
+            .par_chunks_exact_mut(frames.max(1))
+            .with_min_len(COEFFICIENTS)
+            .enumerate()
+            .for_each(|(index, out)| {
+                Arch::new().dispatch(TransposeCoefficient {
+                    harmonics: self,
+                    orders: &orders,
+                    index,
+                    out,
+                });
+            });
     }
 
     fn check(&self, coefficients: usize, values: usize, frames: usize) {
@@ -141,25 +173,17 @@ impl<T: Float> Harmonics<T> {
         }
     }
 
+    /// a_lm = Σ_row K P_lm orders[row][m].
     #[inline(always)]
-    fn legendre_row_transpose(
-        &self,
-        row: usize,
-        orders: &[T],
-        coefficients: &mut [T],
-        frames: usize,
-    ) {
-        let p = self.degree as isize;
-        for m in -p..=p {
-            let source = &orders[(m + p) as usize * frames..][..frames];
-            let n = m.unsigned_abs();
-            for (k, &w) in self.legendre_of(row, n).iter().enumerate() {
-                let out = &mut coefficients[coefficient(n + k, m) * frames..][..frames];
-                for (o, s) in out.iter_mut().zip(source) {
-                    *o += w * *s;
-                }
-            }
-        }
+    fn legendre_transpose(&self, index: usize, orders: &[T], out: &mut [T]) {
+        let (p, frames) = (self.degree, out.len());
+        let l = index.isqrt();
+        // The place of m among −P..P.
+        let m = index + p - l * l - l;
+        let n = m.abs_diff(p);
+        let weight = |row: usize| self.legendre_of(row, n)[l - n];
+        let source = |row: usize| &orders[(row * (2 * p + 1) + m) * frames..][..frames];
+        combine(out, self.grid.rows, frames, weight, source);
     }
 
     /// Sums the orders at every column: even (cosine) and odd (sine) parts once for a column and its mirror image.
@@ -274,53 +298,61 @@ fn combine<'a, T: Float>(
     }
 }
 
-/// [`Harmonics::synthesize`]; a closure would be compiled on its own, for the least of all processors.
-struct Synthesis<'a, T> {
+/// A row of [`Harmonics::synthesize`]; a closure would be compiled on its own, for the least of all processors.
+struct SynthesisRow<'a, T> {
     harmonics: &'a Harmonics<T>,
     coefficients: &'a [T],
+    row: usize,
+    orders: &'a mut [T],
     values: &'a mut [T],
     frames: usize,
 }
 
-impl<T: Float> NullaryFnOnce for Synthesis<'_, T> {
+impl<T: Float> NullaryFnOnce for SynthesisRow<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
-        let Harmonics { degree, grid, .. } = self.harmonics;
-        let mut orders = vec![T::ZERO; (2 * degree + 1) * self.frames];
-        let rows = self.values.chunks_exact_mut(grid.columns * self.frames);
-        for (row, out) in rows.enumerate() {
-            self.harmonics
-                .legendre_row(row, self.coefficients, &mut orders, self.frames);
-            self.harmonics.fourier_row(&orders, out, self.frames);
-        }
+        let (harmonics, frames) = (self.harmonics, self.frames);
+        harmonics.legendre_row(self.row, self.coefficients, self.orders, frames);
+        harmonics.fourier_row(self.orders, self.values, frames);
     }
 }
 
-/// [`Harmonics::transpose`], likewise.
-struct Transpose<'a, T> {
+/// The orders of a row, for [`Harmonics::transpose`].
+struct TransposeRow<'a, T> {
     harmonics: &'a Harmonics<T>,
     values: &'a [T],
-    coefficients: &'a mut [T],
+    folded: &'a mut [T],
+    orders: &'a mut [T],
     frames: usize,
 }
 
-impl<T: Float> NullaryFnOnce for Transpose<'_, T> {
+impl<T: Float> NullaryFnOnce for TransposeRow<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
-        let Harmonics { degree, grid, .. } = self.harmonics;
-        let mut orders = vec![T::ZERO; (2 * degree + 1) * self.frames];
-        let mut folded = vec![T::ZERO; 2 * grid.columns.div_ceil(2) * self.frames];
-        let rows = self.values.chunks_exact(grid.columns * self.frames);
-        for (row, source) in rows.enumerate() {
-            self.harmonics
-                .fourier_row_transpose(source, &mut folded, &mut orders, self.frames);
-            self.harmonics
-                .legendre_row_transpose(row, &orders, self.coefficients, self.frames);
-        }
+        self.harmonics
+            .fourier_row_transpose(self.values, self.folded, self.orders, self.frames);
+    }
+}
+
+/// A coefficient of [`Harmonics::transpose`].
+struct TransposeCoefficient<'a, T> {
+    harmonics: &'a Harmonics<T>,
+    orders: &'a [T],
+    index: usize,
+    out: &'a mut [T],
+}
+
+impl<T: Float> NullaryFnOnce for TransposeCoefficient<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        self.harmonics
+            .legendre_transpose(self.index, self.orders, self.out);
     }
 }
 

@@ -7,15 +7,19 @@
 mod block;
 mod draw;
 mod quadrature;
+mod run;
+
+use std::sync::Arc;
 
 use glam::Vec3;
 use rayon::prelude::*;
 
 use self::draw::Draw;
+use self::run::Run;
 use crate::bsdf::{Cosines, Material, Model, microfacet};
 use crate::bvh::{Bvh, SurfacePoint};
 use crate::environment::LightDistribution;
-use crate::lat_long::{Bilinear, LatLong};
+use crate::lat_long::LatLong;
 use crate::transport::Quadrature;
 use crate::visibility::Visibility;
 
@@ -82,21 +86,21 @@ pub enum Lookup {
     Stochastic,
 }
 
-/// Samples of many points, a value an array, samples of a point adjoining.
+/// Samples of many points, a value an array, samples of a point adjoining; the tape shares the arrays.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PathBatch {
     /// Samples of point p are `offsets[p]..offsets[p + 1]`.
     pub offsets: Vec<u32>,
     /// n·ωo of each point.
-    pub outgoing: Vec<f32>,
+    pub outgoing: Arc<[f32]>,
     /// n·ωi of each sample.
-    pub incident: Vec<f32>,
+    pub incident: Arc<[f32]>,
     /// n·h; nothing for Lambertian samples, which need none.
-    pub half: Vec<f32>,
+    pub half: Arc<[f32]>,
     /// h·ωi; likewise.
-    pub difference: Vec<f32>,
+    pub difference: Arc<[f32]>,
     /// Multiple-importance weight over (sample count × density): a point's radiance is Σ weight · L · M · f · n·ωi.
-    pub weight: Vec<f32>,
+    pub weight: Arc<[f32]>,
     /// Corners of the environment's texels.
     pub light: Corners,
     /// Corners of the masks' texels, as texel × frames + frame.
@@ -107,9 +111,9 @@ pub struct PathBatch {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Corners {
     /// Table indices of each corner.
-    pub index: Vec<Vec<u32>>,
+    pub index: Vec<Arc<[u32]>>,
     /// Weights of each of four corners; empty for one.
-    pub weight: Vec<Vec<f32>>,
+    pub weight: Vec<Arc<[f32]>>,
 }
 
 /// Points are sampled in parallel in runs of about this many samples; results do not depend on it.
@@ -120,8 +124,8 @@ impl PathBatch {
     pub fn sample(scene: &PathScene, points: &[ShadingPoint], settings: &PathSettings) -> Self {
         let run = |points: &[ShadingPoint]| Draw::new(scene, settings).run(points);
         let each = (settings.light_samples + settings.material_samples).max(1);
-        let runs: Vec<Self> = points.par_chunks(RUN.div_ceil(each)).map(run).collect();
-        Self::join(&runs, settings.lookup)
+        let runs: Vec<Run> = points.par_chunks(RUN.div_ceil(each)).map(run).collect();
+        Run::join(&runs, settings.lookup)
     }
 
     /// The same integral without randomness: `side` × `side` directions in every texel of the environment, each weighted by
@@ -129,8 +133,8 @@ impl PathBatch {
     pub fn quadrature(scene: &PathScene, points: &[ShadingPoint], side: usize) -> Self {
         let quadrature = Quadrature::new(scene.environment_grid, side);
         let run = |points: &[ShadingPoint]| quadrature::quadrature(scene, points, &quadrature);
-        let runs: Vec<Self> = points.par_chunks(16).map(run).collect();
-        Self::join(&runs, Lookup::Bilinear)
+        let runs: Vec<Run> = points.par_chunks(16).map(run).collect();
+        Run::join(&runs, Lookup::Bilinear)
     }
 
     /// The number of points.
@@ -182,44 +186,6 @@ impl PathBatch {
         }
         sum
     }
-
-    /// A batch without points.
-    fn empty(lookup: Lookup) -> Self {
-        Self {
-            offsets: vec![0],
-            outgoing: Vec::new(),
-            incident: Vec::new(),
-            half: Vec::new(),
-            difference: Vec::new(),
-            weight: Vec::new(),
-            light: Corners::empty(lookup),
-            mask: Corners::empty(lookup),
-        }
-    }
-
-    fn join(runs: &[Self], lookup: Lookup) -> Self {
-        let mut offsets = vec![0];
-        for run in runs {
-            let start = offsets[offsets.len() - 1];
-            offsets.extend(run.offsets[1..].iter().map(|o| o + start));
-        }
-        let all = |part: fn(&Self) -> &[f32]| concatenate(runs.iter().map(part));
-        Self {
-            offsets,
-            outgoing: all(|run| &run.outgoing),
-            incident: all(|run| &run.incident),
-            half: all(|run| &run.half),
-            difference: all(|run| &run.difference),
-            weight: all(|run| &run.weight),
-            light: Corners::join(runs.iter().map(|run| &run.light), lookup),
-            mask: Corners::join(runs.iter().map(|run| &run.mask), lookup),
-        }
-    }
-}
-
-/// All values after one another, allocated once.
-fn concatenate<'a, T: Copy + 'a>(parts: impl Iterator<Item = &'a [T]>) -> Vec<T> {
-    parts.collect::<Vec<_>>().concat()
 }
 
 impl Lookup {
@@ -241,32 +207,5 @@ impl Corners {
             .enumerate()
             .map(|(k, index)| weight(k) * table(index[s] as usize))
             .sum()
-    }
-
-    fn empty(lookup: Lookup) -> Self {
-        let weights = if lookup == Lookup::Bilinear { 4 } else { 0 };
-        Self {
-            index: vec![Vec::new(); lookup.corners()],
-            weight: vec![Vec::new(); weights],
-        }
-    }
-
-    fn push(&mut self, texels: &Bilinear) {
-        for (index, texel) in self.index.iter_mut().zip(texels.index) {
-            index.push(texel);
-        }
-        for (weights, weight) in self.weight.iter_mut().zip(texels.weight) {
-            weights.push(weight);
-        }
-    }
-
-    fn join<'a>(parts: impl Iterator<Item = &'a Self> + Clone, lookup: Lookup) -> Self {
-        let empty = Self::empty(lookup);
-        let index = |k: usize| concatenate(parts.clone().map(|part| part.index[k].as_slice()));
-        let weight = |k: usize| concatenate(parts.clone().map(|part| part.weight[k].as_slice()));
-        Self {
-            index: (0..empty.index.len()).map(index).collect(),
-            weight: (0..empty.weight.len()).map(weight).collect(),
-        }
     }
 }

@@ -128,6 +128,19 @@ impl Pyramid {
         assert_eq!(levels_flat.len(), self.len() * width, "pyramid values");
         assert_eq!(finest.len(), self.finest().len() * width, "pyramid texels");
         let entries = 4 * self.levels.len();
+        if width == 1 {
+            // The same sums, in a register.
+            let parts = self.index.chunks_exact(entries);
+            let parts = parts.zip(self.weight.chunks_exact(entries));
+            for (out, (index, weight)) in finest.iter_mut().zip(parts) {
+                let mut sum = T::ZERO;
+                for (i, w) in index.iter().zip(weight) {
+                    sum += T::from_f64(*w) * levels_flat[*i as usize];
+                }
+                *out = sum;
+            }
+            return;
+        }
         for (texel, out) in finest.chunks_exact_mut(width).enumerate() {
             out.fill(T::ZERO);
             for e in texel * entries..(texel + 1) * entries {
@@ -146,6 +159,16 @@ impl Pyramid {
         assert_eq!(finest.len(), self.finest().len() * width, "pyramid texels");
         levels_flat.fill(T::ZERO);
         let entries = 4 * self.levels.len();
+        if width == 1 {
+            let parts = self.index.chunks_exact(entries);
+            let parts = parts.zip(self.weight.chunks_exact(entries));
+            for (source, (index, weight)) in finest.iter().zip(parts) {
+                for (i, w) in index.iter().zip(weight) {
+                    levels_flat[*i as usize] += T::from_f64(*w) * *source;
+                }
+            }
+            return;
+        }
         for (texel, source) in finest.chunks_exact(width).enumerate() {
             for e in texel * entries..(texel + 1) * entries {
                 let w = T::from_f64(self.weight[e]);

@@ -154,7 +154,7 @@ pub fn bind_batch<S: Scalar>(
     masked: bool,
     batch: &PathBatch,
 ) -> Result<(), RunError> {
-    let mut bind = |what: &str, values: &[f32]| bind_values(ws, &format!("{name} {what}"), values);
+    let mut bind = |what: &str, values: &Arc<[f32]>| ws.bind_f32(&format!("{name} {what}"), values);
     bind("incident", &batch.incident)?;
     bind("weight", &batch.weight)?;
     if model == Model::Microfacet {
@@ -191,10 +191,10 @@ fn bind_corners<S: Scalar>(
     corners: &Corners,
 ) -> Result<(), RunError> {
     for (k, index) in corners.index.iter().enumerate() {
-        ws.set_index(&format!("{name} {what} index {k}"), index)?;
+        ws.bind_index(&format!("{name} {what} index {k}"), Arc::clone(index))?;
     }
     for (k, weight) in corners.weight.iter().enumerate() {
-        bind_values(ws, &format!("{name} {what} weight {k}"), weight)?;
+        ws.bind_f32(&format!("{name} {what} weight {k}"), weight)?;
     }
     Ok(())
 }

@@ -20,7 +20,8 @@ pub(super) struct Group {
 ///
 /// A node's level is the number of times that its operands had to be known for all lanes before. Nodes of one domain and
 /// level make a phase. A node first takes the earliest level possible, then moves later, to the level of what uses it, so
-/// that values do not have to be kept between phases.
+/// that values do not have to be kept between phases. Dense layers stay: in a phase of few lanes, apart from sums over
+/// segments, they are shared among threads, and the way back through those sums does not compute them again.
 pub(super) fn schedule(nodes: &[Node], outputs: &[(String, NodeId)]) -> Schedule {
     let mut level = vec![0usize; nodes.len()];
     let mut users: Vec<Vec<(NodeId, bool)>> = vec![Vec::new(); nodes.len()];
@@ -41,7 +42,7 @@ pub(super) fn schedule(nodes: &[Node], outputs: &[(String, NodeId)]) -> Schedule
         }
     }
     for (id, node) in nodes.iter().enumerate().rev() {
-        if !is_block(node) || users[id].is_empty() {
+        if !is_block(node) || users[id].is_empty() || matches!(node.op, Op::Matmul) {
             continue;
         }
         let latest = users[id]

@@ -38,7 +38,7 @@ impl Layout {
         }
     }
 
-    /// Adds up the chunks' tables, chunk after chunk, and writes or adds the sum to `target`.
+    /// Adds up the chunks' tables or matrices, chunk after chunk, and writes or adds the sum to `target`.
     pub fn assemble_table<R: Real>(
         &self,
         arch: Arch,
@@ -50,19 +50,8 @@ impl Layout {
         let [first, others @ ..] = chunks else { return };
         let first = first.get_mut().unwrap_or_else(PoisonError::into_inner);
         let mut sum = std::mem::take(&mut first.pull[pull]);
-        let others: &[Mutex<Chunk<R>>] = others;
-        sum.as_mut_slice()
-            .par_chunks_mut(SHARE)
-            .enumerate()
-            .for_each(|(share, sum)| {
-                for chunk in others {
-                    let chunk = chunk.lock().unwrap_or_else(PoisonError::into_inner);
-                    let start = share * SHARE;
-                    let part = &chunk.pull[pull].as_slice()[start..start + sum.len()];
-                    put(arch, sum, part, true);
-                }
-            });
-        if self.channels == 1 {
+        add_shares(arch, sum.as_mut_slice(), others, pull);
+        if self.kind == PullKind::Weight || self.channels == 1 {
             put(arch, target, sum.as_slice(), add);
         } else {
             deinterleave(sum.as_slice(), self.channels, self.axis, target, add);
@@ -112,6 +101,19 @@ impl Layout {
     }
 }
 
+/// Adds the chunks' pulls to `sum`, chunk after chunk, all elements of a share by one task.
+fn add_shares<R: Real>(arch: Arch, sum: &mut [R], chunks: &[Mutex<Chunk<R>>], pull: usize) {
+    let shares = sum.par_chunks_mut(SHARE).enumerate();
+    shares.for_each(|(share, sum)| {
+        for chunk in chunks {
+            let chunk = chunk.lock().unwrap_or_else(PoisonError::into_inner);
+            let start = share * SHARE;
+            let part = &chunk.pull[pull].as_slice()[start..start + sum.len()];
+            put(arch, sum, part, true);
+        }
+    });
+}
+
 impl<R: Lane> State<R> {
     /// Copies what chunks stored and accumulated to whole arrays.
     pub(super) fn assemble_values(&mut self, program: &Program, p: usize, tangents: bool) {
@@ -159,7 +161,7 @@ impl<R: Lane> State<R> {
             if let Some(bucketing) = self.bucketings[p][i] {
                 let lookups = (program, &self.indices[..]);
                 bucketing.assemble(lookups, pull.user, (chunks, i), target, add);
-            } else if pull.kind == PullKind::Table {
+            } else if matches!(pull.kind, PullKind::Table | PullKind::Weight) {
                 layout.assemble_table(self.arch, chunks, i, target, add);
             } else {
                 layout.assemble(self.arch, chunks, |chunk| &chunk.pull[i], target, add);

@@ -13,13 +13,17 @@ use crate::real::Real;
 
 /// Elements below which a chunk is not worth sharing.
 const SMALLEST: usize = 4096;
-/// Chunks of a phase that scatters into tables: each holds a private copy of the adjoints of small tables.
+/// Products of a matrix and a lane that take as long as the other operations on an element.
+const PRODUCTS: usize = 64;
+/// Mean lanes of a chunk below which its private copies of the adjoints of matrices take longer than its products.
+const FEWEST: usize = 128;
+/// Chunks of a phase with private copies: of the adjoints of small tables, or of matrices.
 pub(super) const SCATTERING: usize = 16;
 /// Chunks of other phases.
 const PLAIN: usize = 64;
 
 /// The lanes of one chunk. Boundaries depend on the sizes alone, and never cut a segment.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Span {
     pub lanes: Range<usize>,
     pub parents: Range<usize>,
@@ -60,10 +64,26 @@ pub(super) fn spans(program: &Program, extent: &Extent, phase: &Phase) -> Vec<Sp
 /// How many chunks a phase has.
 pub(super) fn chunks(program: &Program, extent: &Extent, phase: &Phase) -> usize {
     let lanes = extent.lanes[phase.domain];
-    let scatters = phase.pulls.iter().any(|pull| pull.kind == PullKind::Table);
-    let most = if scatters { SCATTERING } else { PLAIN };
-    let work = lanes.saturating_mul(widest(program, extent, phase));
-    (work / SMALLEST).clamp(1, most)
+    let has = |kind: PullKind| phase.pulls.iter().any(|pull| pull.kind == kind);
+    let most = match (has(PullKind::Weight), has(PullKind::Table)) {
+        (true, _) => SCATTERING.min(lanes / FEWEST),
+        (_, true) => SCATTERING,
+        _ => PLAIN,
+    };
+    let products = phase.nodes.iter().map(|&id| products(program, id));
+    let weight = products.fold(0, usize::saturating_add) / PRODUCTS;
+    let weight = weight.saturating_add(widest(program, extent, phase));
+    (lanes.saturating_mul(weight) / SMALLEST).clamp(1, most.max(1))
+}
+
+/// Products of a matrix and a lane that a node takes.
+fn products(program: &Program, id: NodeId) -> usize {
+    let node = &program.nodes[id];
+    let channels = |id: NodeId| program.nodes[id].shape.channels;
+    match node.op {
+        Op::Matmul => channels(id).saturating_mul(channels(node.inputs[0])),
+        _ => 0,
+    }
 }
 
 /// Where the `i`-th of `count` chunks ends, counted from one. Chunks shrink from 8/5 of the mean to 2/5 of it: threads that
@@ -83,7 +103,7 @@ pub(super) fn widest(program: &Program, extent: &Extent, phase: &Phase) -> usize
 }
 
 /// Private results of one chunk, gathered into whole arrays after the phase.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Chunk<R> {
     pub span: Span,
     pub store: Vec<Buffer<R>>,

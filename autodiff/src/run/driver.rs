@@ -64,8 +64,17 @@ pub(super) enum Pass {
 
 impl<R: Lane> State<R> {
     pub fn new(program: &Program, extent: Extent, sizes: &Sizes) -> Self {
+        State::empty(program).sized(program, extent, sizes)
+    }
+
+    /// Other sizes for the same program, in the same memory. Leaves keep their arrays.
+    pub fn resize(&mut self, program: &Program, extent: Extent, sizes: &Sizes) {
+        let old = std::mem::replace(self, State::empty(program));
+        *self = old.sized(program, extent, sizes);
+    }
+
+    fn sized(mut self, program: &Program, extent: Extent, sizes: &Sizes) -> Self {
         let nodes = program.nodes.len();
-        let empty = || vec![Whole::Owned(Buffer::zeros(0)); nodes];
         let mut chunks = Vec::new();
         let mut strides = Vec::new();
         let mut resolved = Vec::new();
@@ -77,12 +86,16 @@ impl<R: Lane> State<R> {
             let stride = stride(program, &extent, phase, sizes, &spans);
             strides.push(stride);
             resolved.push(places(program, phase, &extent, stride));
-            chunks.push(
-                spans
-                    .into_iter()
-                    .map(|span| Mutex::new(Chunk::new(span)))
-                    .collect(),
-            );
+            let mut before = self.chunks.get_mut(chunks.len()).map(std::mem::take);
+            let mut before = before.iter_mut().flatten();
+            let chunk = |span| match before.next() {
+                Some(chunk) => Chunk {
+                    span,
+                    ..std::mem::take(unlocked(chunk))
+                },
+                None => Chunk::new(span),
+            };
+            chunks.push(spans.into_iter().map(chunk).map(Mutex::new).collect());
         }
         let plans = program.phases.iter().zip(&resolved);
         let plans = plans.map(|(phase, places)| forward_plans(program, phase, places));
@@ -95,12 +108,8 @@ impl<R: Lane> State<R> {
         });
         let bucketings = bucketings.collect();
         let threads = threads(sizes);
+        unlocked(&mut self.workers).resize_with(threads, Worker::new);
         let mut state = State {
-            values: empty(),
-            tangents: empty(),
-            tables: vec![Buffer::zeros(0); nodes],
-            table_tangents: vec![Buffer::zeros(0); nodes],
-            adjoints: empty(),
             lengths: program
                 .nodes
                 .iter()
@@ -109,7 +118,6 @@ impl<R: Lane> State<R> {
                     shape.channels * extent.lanes[shape.domain] * extent.axis(shape.axis)
                 })
                 .collect(),
-            indices: vec![Arc::from([]); program.indices.len()],
             moving: vec![false; nodes],
             live: vec![false; nodes],
             seeded: vec![false; nodes],
@@ -120,12 +128,8 @@ impl<R: Lane> State<R> {
             bucketings,
             places: resolved,
             plans,
-            written: Vec::new(),
-            workers: Mutex::new((0..threads).map(|_| Worker::new()).collect()),
-            parts: Buffer::zeros(0),
-            column: Buffer::zeros(0),
-            arch: Arch::new(),
             extent,
+            ..self
         };
         for (id, node) in program.nodes.iter().enumerate() {
             if let Op::Constant(value) = node.op {
@@ -133,13 +137,45 @@ impl<R: Lane> State<R> {
                 buffer.as_mut_slice().fill(R::from_f64(value));
                 state.values[id] = Whole::Owned(buffer);
             } else if program.whole[id] && !node.op.is_leaf() {
-                state.values[id] = Whole::Owned(Buffer::zeros(state.len(id)));
+                let len = state.len(id);
+                own(&mut state.values[id]).ensure(len);
             }
         }
         for p in 0..program.phases.len() {
             state.prepare(program, p, Pass::Values);
         }
         state
+    }
+
+    /// A state without sizes and memory.
+    fn empty(program: &Program) -> Self {
+        let nodes = program.nodes.len();
+        let empty = || vec![Whole::Owned(Buffer::zeros(0)); nodes];
+        State {
+            extent: Extent::default(),
+            values: empty(),
+            tangents: empty(),
+            tables: vec![Buffer::zeros(0); nodes],
+            table_tangents: vec![Buffer::zeros(0); nodes],
+            adjoints: empty(),
+            lengths: Vec::new(),
+            indices: vec![Arc::from([]); program.indices.len()],
+            moving: Vec::new(),
+            live: Vec::new(),
+            seeded: Vec::new(),
+            replay: Vec::new(),
+            chunks: Vec::new(),
+            bucketings: Vec::new(),
+            strides: Vec::new(),
+            places: Vec::new(),
+            fused: None,
+            plans: Vec::new(),
+            written: Vec::new(),
+            workers: Mutex::new(Vec::new()),
+            parts: Buffer::zeros(0),
+            column: Buffer::zeros(0),
+            arch: Arch::new(),
+        }
     }
 
     /// Elements of a node of a phase in the arena of a thread.
@@ -300,9 +336,7 @@ impl<R: Lane> State<R> {
                     ensure(&mut chunk.pull, pulls);
                     chunk.sorted.resize_with(bucketings.len(), Vec::new);
                     for (sorted, bucketing) in chunk.sorted.iter_mut().zip(bucketings) {
-                        if sorted.len() != sorted_len(&span, *bucketing) {
-                            *sorted = vec![0; sorted_len(&span, *bucketing)];
-                        }
+                        sorted.resize(sorted_len(&span, *bucketing), 0);
                     }
                 }
                 _ => {

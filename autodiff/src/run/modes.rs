@@ -20,6 +20,9 @@ pub trait Engine: Lane {
     fn state(program: &Program, extent: Extent, sizes: &Sizes) -> State<Self>;
     #[doc(hidden)]
     #[allow(private_interfaces)]
+    fn resize(state: &mut State<Self>, program: &Program, extent: Extent, sizes: &Sizes);
+    #[doc(hidden)]
+    #[allow(private_interfaces)]
     fn forward(state: &mut State<Self>, program: &Program, tangents: bool);
     #[doc(hidden)]
     #[allow(private_interfaces)]
@@ -50,6 +53,9 @@ macro_rules! engine {
         impl Engine for $t {
             fn state(program: &Program, extent: Extent, sizes: &Sizes) -> State<Self> {
                 State::new(program, extent, sizes)
+            }
+            fn resize(state: &mut State<Self>, program: &Program, extent: Extent, sizes: &Sizes) {
+                state.resize(program, extent, sizes)
             }
             fn forward(state: &mut State<Self>, program: &Program, tangents: bool) {
                 state.forward(program, tangents)

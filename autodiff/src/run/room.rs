@@ -12,6 +12,11 @@ use crate::program::{Phase, Program};
 /// How many times larger than others a value along an axis may be in a block.
 const WIDE: usize = 16;
 
+/// Bytes of a thread's arena, values and adjoints, that blocks are made smaller for: it should stay in L2.
+const ARENA: usize = 1 << 20;
+/// Lanes that blocks of many channels keep: below, matrices are read too often.
+const FEW_LANES: usize = 64;
+
 /// Channels this many elements apart compete for the same lines of L1; matrix products read many channels at once.
 const CONFLICT: usize = 256;
 
@@ -26,13 +31,32 @@ pub(super) fn stride(
     let longest = spans.iter().map(|span| span.lanes.len()).max().unwrap_or(0);
     // Few values of a phase are wide: they may overflow L1 as long as blocks keep enough lanes.
     let wide = (WIDE * sizes.block) / widest(program, extent, phase);
-    let wanted = sizes.block.min(wide).min(longest);
+    let wanted = sizes
+        .block
+        .min(wide)
+        .min(fitting(program, extent, phase))
+        .min(longest);
     let stride = wanted.next_multiple_of(PARTIALS).max(PARTIALS);
     let multiplies = |id: &NodeId| matches!(program.nodes[*id].op, Op::Matmul);
     if stride % CONFLICT == 0 && phase.nodes.iter().any(multiplies) {
         return stride - TILE;
     }
     stride
+}
+
+/// Lanes whose values and adjoints fit into [`ARENA`], of [`f32`].
+fn fitting(program: &Program, extent: &Extent, phase: &Phase) -> usize {
+    let elements = |id: &NodeId| {
+        let shape = program.nodes[*id].shape;
+        shape.channels.saturating_mul(extent.axis(shape.axis))
+    };
+    let lane = phase
+        .locals
+        .iter()
+        .map(elements)
+        .fold(0, usize::saturating_add);
+    let lane = lane.saturating_mul(2 * size_of::<f32>());
+    (ARENA / lane.max(1)).max(FEW_LANES)
 }
 
 /// Threads to share work among.

@@ -174,7 +174,7 @@ impl Iterator for Pieces<'_> {
 }
 
 /// Sizes resolved against a program.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Extent {
     pub lanes: Vec<usize>,
     pub axes: Vec<usize>,

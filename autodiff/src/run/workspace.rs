@@ -54,6 +54,51 @@ impl Program {
     /// # Errors
     /// A domain or axis without a size, contradicting sizes, an axis of no elements, a linear map of the wrong shape.
     pub fn workspace<S: Scalar>(&self, sizes: &Sizes) -> Result<Workspace<S>, RunError> {
+        Ok(Workspace {
+            state: S::state(self, self.extent(sizes)?, sizes),
+            stamp: self.stamp,
+            bound: self.used.iter().map(|used| !used).collect(),
+            bound_index: self.used_indices.iter().map(|used| !used).collect(),
+            fresh: false,
+            has_gradient: false,
+            has_tangent: false,
+            no_index: Arc::from([]),
+            names: Names::new(self),
+            sizes: sizes.clone(),
+            curvature: None,
+        })
+    }
+
+    /// Gives a workspace other sizes in the memory that it has, as where every batch brings another number of samples.
+    ///
+    /// Parameters, inputs and masks stay bound if they are as long as before, and index arrays if their table is, too. Values,
+    /// gradients and tangents are to be computed again. Memory that was needed once is kept ([`Workspace::bytes`]).
+    ///
+    /// # Errors
+    /// As [`Program::workspace`], or a workspace of another program; the workspace then is as it was.
+    pub fn resize<S: Scalar>(&self, ws: &mut Workspace<S>, sizes: &Sizes) -> Result<(), RunError> {
+        if ws.stamp != self.stamp {
+            return Err(RunError::OtherProgram);
+        }
+        let extent = self.extent(sizes)?;
+        let (lengths, lanes) = (ws.state.lengths.clone(), ws.state.extent.lanes.clone());
+        S::resize(&mut ws.state, self, extent, sizes);
+        for (id, length) in lengths.iter().enumerate() {
+            ws.bound[id] &= !self.used[id] || *length == ws.state.lengths[id];
+        }
+        for (id, index) in self.indices.iter().enumerate() {
+            let same = |domain: usize| lanes[domain] == ws.state.extent.lanes[domain];
+            let kept = same(index.domain) && same(index.table);
+            ws.bound_index[id] &= !self.used_indices[id] || kept;
+        }
+        (ws.fresh, ws.has_gradient, ws.has_tangent) = (false, false, false);
+        ws.sizes = sizes.clone();
+        ws.curvature = None;
+        Ok(())
+    }
+
+    /// What the sizes mean for the program's domains.
+    fn extent(&self, sizes: &Sizes) -> Result<Extent, RunError> {
         let extent = Extent::new(self, sizes)?;
         for (id, node) in self.nodes.iter().enumerate() {
             let Op::Map(map) = &node.op else { continue };
@@ -69,19 +114,7 @@ impl Program {
                 });
             }
         }
-        Ok(Workspace {
-            state: S::state(self, extent, sizes),
-            stamp: self.stamp,
-            bound: self.used.iter().map(|used| !used).collect(),
-            bound_index: self.used_indices.iter().map(|used| !used).collect(),
-            fresh: false,
-            has_gradient: false,
-            has_tangent: false,
-            no_index: Arc::from([]),
-            names: Names::new(self),
-            sizes: sizes.clone(),
-            curvature: None,
-        })
+        Ok(extent)
     }
 }
 
@@ -122,6 +155,14 @@ impl<S: Scalar> Workspace<S> {
         target.as_mut_slice().copy_from_slice(values);
         self.touch(id);
         Ok(())
+    }
+
+    /// Binds a shared array of single precision to a parameter or input, without a copy where that is the workspace's type.
+    ///
+    /// # Errors
+    /// As [`Workspace::set`].
+    pub fn bind_f32(&mut self, name: &str, values: &Arc<[f32]>) -> Result<(), RunError> {
+        self.bind(name, S::shared(values))
     }
 
     /// Binds a shared array to a parameter or input, without a copy.
@@ -255,7 +296,11 @@ impl<S: Scalar> Workspace<S> {
     /// An unknown name.
     pub fn value(&self, name: &str) -> Result<&[S], RunError> {
         let (id, _) = self.leaf(name, |kind| kind != Leaf::Mask, "parameter or input")?;
-        Ok(self.state.values[id].as_slice())
+        Ok(match self.bound[id] {
+            true => self.state.values[id].as_slice(),
+            // What was bound to other sizes.
+            false => &[],
+        })
     }
 
     /// Heap bytes held now; index arrays and shared arrays are not counted.

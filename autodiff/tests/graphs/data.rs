@@ -85,6 +85,7 @@ impl Data {
             1,
             MATRIX,
             table,
+            TEXELS * self.frames,
         ]
     }
 
@@ -124,8 +125,14 @@ impl Data {
     }
 
     pub fn workspace<S: Scalar>(&self, program: &Program, block: usize) -> Workspace<S> {
-        let n = self.counts.iter().sum::<u32>() as usize;
         let mut ws = program.workspace::<S>(&self.sizes(block)).unwrap();
+        self.bind(&mut ws);
+        ws
+    }
+
+    /// Binds everything to a workspace of these sizes.
+    pub fn bind<S: Scalar>(&self, ws: &mut Workspace<S>) {
+        let n = self.counts.iter().sum::<u32>() as usize;
         let index_of = |array, rows: usize| -> Vec<u32> {
             (0..n)
                 .map(|i| (self.number(array, i) * rows as f64) as u32)
@@ -151,6 +158,5 @@ impl Data {
         for (name, values) in PARAMS.iter().zip(self.params::<S>()) {
             ws.set(name, &values).unwrap();
         }
-        ws
     }
 }

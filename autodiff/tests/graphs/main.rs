@@ -231,6 +231,27 @@ proptest! {
     }
 
     #[test]
+    fn a_resized_workspace_gives_the_bits_of_a_new_one(steps in steps(), one in data(), other in data()) {
+        let program = record(&steps);
+        let bits = |ws: &mut Workspace<f32>, data: &Data| {
+            let direction = data.direction::<f32>();
+            program.gauss_newton(ws, "residual", &named(&direction), None).unwrap();
+            let mut all: Vec<Vec<f32>> = PARAMS.iter().map(|p| ws.gradient(p).unwrap().to_vec()).collect();
+            program.vjp(ws, "loss").unwrap();
+            all.extend(PARAMS.iter().map(|p| ws.gradient(p).unwrap().to_vec()));
+            all.extend(["loss", "residual"].map(|output| ws.output(output).unwrap().to_vec()));
+            all.into_iter().flatten().map(f32::to_bits).collect::<Vec<_>>()
+        };
+        let mut ws = one.workspace::<f32>(&program, 256);
+        let expected = [bits(&mut ws, &one), bits(&mut other.workspace(&program, 256), &other)];
+        for (data, expected) in [&other, &one].into_iter().zip(expected.iter().rev()) {
+            program.resize(&mut ws, &data.sizes(256)).unwrap();
+            data.bind(&mut ws);
+            prop_assert!(&bits(&mut ws, data) == expected);
+        }
+    }
+
+    #[test]
     fn a_reused_workspace_gives_the_same_bits(steps in steps(), data in data()) {
         let program = record(&steps);
         let mut ws = data.workspace::<f64>(&program, 512);

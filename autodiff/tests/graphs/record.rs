@@ -7,7 +7,9 @@ use autodiff::{
 };
 
 pub const TEXELS: usize = 7;
-pub const PARAMS: [&str; 6] = ["pixel", "row", "texel", "scale", "matrix", "place"];
+pub const PARAMS: [&str; 7] = ["pixel", "row", "texel", "scale", "matrix", "place", "field"];
+/// Kinds of steps.
+const KINDS: u8 = 52;
 /// Channels of the matrix: what has as many channels as divide it can be multiplied.
 pub const MATRIX: usize = 6;
 
@@ -33,6 +35,8 @@ pub fn record_with(steps: &[Step], simplify: bool, detach: bool) -> Program {
     // A table that may be large for its lookups.
     let places = g.domain("places");
     let place = g.param("place", &places, 2);
+    // A table with an axis.
+    let field = g.param_along("field", &texel, 1, &frame);
     let [near, far] = ["near", "far"].map(|name| g.index(name, &sample, &places));
     let weight: Detached = g.input("weight", &sample, 1);
     let visible = g.mask("visible", &sample);
@@ -57,7 +61,7 @@ pub fn record_with(steps: &[Step], simplify: bool, detach: bool) -> Program {
         let compatible = |u: &Var, v: &Var| {
             u.channels() == v.channels() || u.channels() == 1 || v.channels() == 1
         };
-        match kind % 44 {
+        match kind % KINDS {
             0 => samples.push(p.expand(&sample)),
             1 => samples.push(x.gather(&index[b % 2])),
             2 => samples
@@ -158,14 +162,29 @@ pub fn record_with(steps: &[Step], simplify: bool, detach: bool) -> Program {
                 let [sum, share] = g.custom_vec(SumAndShare, [s, t]);
                 samples.extend([settle(sum), settle(share)]);
             }
+            // Rows along an axis.
+            44 => samples.push(field.gather(&index[b % 2])),
+            45 => {
+                let share = s.sum_axis().channel(0);
+                samples.push(settle(
+                    field.gather_weighted(&[(&index[0], &share), (&index[1], &weight)]),
+                ));
+            }
+            46 => pixels.push(settle(s.segment_dot(&field.gather(&index[b % 2])) * 0.1)),
+            47 => texels.push(settle((&field * &scale).linear_map(&texel, Arc::new(Mix)))),
+            48 => samples.push(settle(s.softplus() * (t.channel(0) * 0.5).cos())),
+            49 => samples.push(settle(s.powi(3) * 0.2 + t.channel(0).powi(2))),
+            50 if s.channels() == t.channels() => samples.push(settle(s.dot(t) * 0.3)),
+            // Where two values are as large, there is a kink.
+            51 if detach => samples.push(settle(s.max_axis().attach())),
             _ => samples.push(visible.select(s, s) + weight.detach().detach() * 1.0),
         }
     }
-    let last = |values: &[Var]| {
-        let recent = values.iter().rev().take(3);
-        recent.fold(scale.clone(), |sum, value| sum + value.sum())
+    let all = |values: &[Var]| {
+        let values = values.iter();
+        values.fold(scale.clone(), |sum, value| sum + value.sum())
     };
-    let loss = last(&pixels) + last(&samples) + last(&texels) + last(&parts);
+    let loss = all(&pixels) + all(&samples) + all(&texels) + all(&parts);
     let residual = pixels[pixels.len() - 1].clone();
     let outputs = [("loss", &loss), ("residual", &residual)];
     let program = match simplify {

@@ -2,7 +2,8 @@
 
 use super::block::{Block, Plan, STRATEGIES, WIDTH};
 use super::quadrature::of_frame;
-use super::{Lookup, PathBatch, PathScene, PathSettings, ShadingPoint};
+use super::run::Run;
+use super::{Lookup, PathScene, PathSettings, ShadingPoint};
 use crate::bsdf::{Model, lobe_samples};
 use crate::sampler::{Counter, SampleKey, Stratified};
 
@@ -18,7 +19,7 @@ pub(super) struct Draw<'a> {
     block: Box<Block>,
     /// Results of each strategy for a group, by point.
     drawn: [Drawn; 3],
-    batch: PathBatch,
+    batch: Run,
 }
 
 /// Results of many samples, those that carry no light included.
@@ -49,12 +50,12 @@ impl<'a> Draw<'a> {
             group: GROUP.div_ceil(total.max(1)),
             block: Block::new(),
             drawn: Default::default(),
-            batch: PathBatch::empty(settings.lookup),
+            batch: Run::empty(settings.lookup),
         }
     }
 
     /// Draws the samples of a run of points.
-    pub(super) fn run(mut self, points: &[ShadingPoint]) -> PathBatch {
+    pub(super) fn run(mut self, points: &[ShadingPoint]) -> Run {
         for group in points.chunks(self.group) {
             for strategy in 0..STRATEGIES.len() {
                 self.draw(group, strategy);
@@ -157,7 +158,7 @@ impl Drawn {
         plan: &Plan,
         frame: u32,
         microfacet: bool,
-        batch: &mut PathBatch,
+        batch: &mut Run,
     ) {
         let weight = &self.weight[lanes.clone()];
         let keep =

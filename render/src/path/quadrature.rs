@@ -1,6 +1,7 @@
 //! Paths without randomness: every direction of a quadrature.
 
-use super::{Lookup, PathBatch, PathScene, ShadingPoint};
+use super::run::Run;
+use super::{Lookup, PathScene, ShadingPoint};
 use crate::bsdf::Model;
 use crate::lat_long::{Bilinear, LatLong};
 use crate::occluder::mask_lookup;
@@ -11,8 +12,8 @@ pub(super) fn quadrature(
     scene: &PathScene,
     points: &[ShadingPoint],
     quadrature: &Quadrature,
-) -> PathBatch {
-    let mut batch = PathBatch::empty(Lookup::Bilinear);
+) -> Run {
+    let mut batch = Run::empty(Lookup::Bilinear);
     for point in points {
         for texel in 0..quadrature.grid().len() {
             for ray in 0..quadrature.rays() {
@@ -27,7 +28,7 @@ pub(super) fn quadrature(
 }
 
 fn add(
-    batch: &mut PathBatch,
+    batch: &mut Run,
     scene: &PathScene,
     point: &ShadingPoint,
     quadrature: &Quadrature,
