@@ -1,11 +1,12 @@
 //! The two kernels that decide whether the tape is fast enough, each against a hand-written counterpart, interleaved in one
 //! run: GGX shading (with its gradient), and the contraction of coefficients with interpolated rows. Then lookups in tables of
-//! all sizes.
+//! all sizes, and a network.
 //!
-//! `cargo bench -p autodiff --bench kernels -- [threads] [shading] [contraction] [tables]`
+//! `cargo bench -p autodiff --bench kernels -- [threads] [shading] [contraction] [tables] [network]`
 
 mod contraction;
 mod hand;
+mod mlp;
 mod shading;
 mod tables;
 mod timing;
@@ -22,7 +23,7 @@ fn main() {
         let wanted = |name: &str| {
             let mut names = std::env::args()
                 .skip(1)
-                .filter(|arg| ["shading", "contraction", "tables"].contains(&arg.as_str()))
+                .filter(|arg| ["shading", "contraction", "tables", "network"].contains(&arg.as_str()))
                 .peekable();
             names.peek().is_none() || names.any(|arg| arg == name)
         };
@@ -35,5 +36,16 @@ fn main() {
         if wanted("tables") {
             tables::run();
         }
+        if wanted("network") {
+            network();
+        }
     });
+}
+
+/// Prints the time of a network's gradient.
+fn network() {
+    let program = mlp::record();
+    let mut ws = mlp::bind(&program);
+    let [gradient] = timing::best([&mut || mlp::step(&program, &mut ws, &[0.0; 3])]);
+    println!("network, forward and backward (milliseconds): {gradient:.2}");
 }

@@ -67,7 +67,7 @@ pub(crate) enum PullKind {
     Table,
     /// The only lane.
     Uniform,
-    /// The only lane, of a matrix or bias.
+    /// The only lane, of a matrix.
     Weight,
 }
 
@@ -109,7 +109,8 @@ impl Phase {
                 let kind = match node.op {
                     Op::Splat => PullKind::Uniform,
                     Op::Expand => PullKind::Parents,
-                    Op::Matmul if i > 0 => PullKind::Weight,
+                    Op::Matmul if i == 1 => PullKind::Weight,
+                    Op::Matmul if i == 2 => PullKind::Uniform,
                     Op::Gather(_) | Op::GatherWeighted(_) if i == 0 => PullKind::Table,
                     _ => {
                         if phase.slot[input] != NONE {

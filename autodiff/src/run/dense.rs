@@ -5,15 +5,13 @@ use std::mem::take;
 use super::block::{Env, Lanes, View, Worker, into_adjoint, is_computed};
 use super::chunk::Chunk;
 use super::lane::Lane;
+use super::linear::add_lanes;
 use super::matmul::{Matrix, Outer, Product, outer, product};
 use super::value::values;
 use super::zero::Derivative;
 use crate::buffer::Buffer;
 use crate::graph::NodeId;
 use crate::program::PullKind;
-
-/// Sums of a bias's adjoint that are added up side by side: each waits for its own last addition only.
-const TOGETHER: usize = 8;
 
 /// A dense layer on `xs` and `weights`, of which one may be a derivative; the flags: whether to overwrite, and to add the bias.
 pub(super) fn dense<R: Lane>(
@@ -133,23 +131,12 @@ pub(super) fn dense_adjoint<R: Lane>(
     }
     if let Some(&bias) = inputs.get(2)
         && env.live[bias]
-        && let Some(at) = env.phase.pull(bias, PullKind::Weight, id)
+        && let Some(at) = env.phase.pull(bias, PullKind::Uniform, id)
     {
-        let (groups, rest) = chunk.pull[at].as_mut_slice().as_chunks_mut::<TOGETHER>();
-        let first = groups.len() * TOGETHER;
-        for (k, sums) in groups.iter_mut().enumerate() {
-            let row = |j: usize| &g[(k * TOGETHER + j) * env.stride..][..lanes.len];
-            let rows: [&[R]; TOGETHER] = std::array::from_fn(row);
-            for lane in 0..lanes.len {
-                for j in 0..TOGETHER {
-                    sums[j] = sums[j] + rows[j][lane];
-                }
-            }
-        }
-        for (c, sum) in rest.iter_mut().enumerate() {
-            for x in &g[(first + c) * env.stride..][..lanes.len] {
-                *sum = *sum + *x;
-            }
+        let first = lanes.start - chunk.span.lanes.start;
+        for c in 0..rows {
+            let source = &g[c * env.stride..][..lanes.len];
+            add_lanes(env, c, 1, first, source, chunk.pull[at].as_mut_slice());
         }
     }
 }

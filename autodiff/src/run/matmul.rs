@@ -17,8 +17,8 @@ const ROWS: usize = 4;
 const MANY_ROWS: usize = 8;
 /// Registers along a row of a tile.
 const TILE: usize = 2;
-/// Lanes that an outer product takes at a time: transposed they stay in L1.
-const LANES: usize = 32;
+/// Lanes that an outer product takes at a time: a panel of them, transposed, stays in L1.
+const LANES: usize = 128;
 /// Input channels that a product takes at a time, and most lanes of a tile: a copy of them side by side stays in L1, where
 /// channels as they are lie on more pages than a core translates without waiting.
 const DEPTH: usize = 128;
@@ -237,7 +237,7 @@ impl<R: Real> Product<'_, R> {
 }
 
 /// `sums[row][column] += sum_lane g[row][lane] x[column][lane]`, lanes in order; `g` is a derivative. `transposed` is scratch of
-/// [`LANES`]` * columns` elements at least, or of `lanes * columns` if that is less.
+/// `lanes * columns` elements at least.
 pub(super) struct Outer<'a, R> {
     pub g: &'a [R],
     pub g_pitch: usize,
@@ -266,78 +266,81 @@ impl<R: Real> Kernel for Outer<'_, R> {
 }
 
 impl<R: Real> Outer<'_, R> {
-    /// The columns of some lanes, lane after lane; of several columns at once, so that what is written is next to each other.
     #[inline(always)]
-    fn transpose(&mut self, lanes: Range<usize>) {
-        const SIDE: usize = 16;
-        let whole = self.columns / SIDE * SIDE;
-        for first in (0..whole).step_by(SIDE) {
-            let mut x = [&self.x[..0]; SIDE];
-            for (i, x) in x.iter_mut().enumerate() {
-                *x = &self.x[(first + i) * self.x_pitch..][lanes.clone()];
+    fn some_lanes<S: Simd>(&mut self, simd: S, lanes: Range<usize>) {
+        let (packs, rest) = R::packs::<S>(&self.sums[..self.columns]);
+        let (packs, whole) = (packs.len(), self.columns - rest.len());
+        let mut k = 0;
+        // Columns outside, rows inside: a panel of `x` is in L1 for all rows.
+        while k < packs {
+            let width = if k + TILE <= packs { TILE } else { 1 };
+            let size = whole / packs;
+            let columns = k * size..(k + width) * size;
+            self.transpose(lanes.clone(), columns.clone());
+            if all_finite(simd, &self.transposed[..lanes.len() * columns.len()]) {
+                self.rows(simd, (k, width), lanes.clone());
+            } else {
+                self.one_by_one::<S>(lanes.clone(), columns);
             }
-            for lane in 0..lanes.len() {
-                let to = &mut self.transposed[lane * self.columns + first..][..SIDE];
-                for i in 0..SIDE {
-                    to[i] = x[i][lane];
-                }
-            }
+            k += width;
         }
         for column in whole..self.columns {
-            let x = &self.x[column * self.x_pitch..][lanes.clone()];
-            for (lane, x) in x.iter().enumerate() {
-                self.transposed[lane * self.columns + column] = *x;
+            if all_finite(
+                simd,
+                &self.x[column * self.x_pitch..][lanes.start..lanes.end],
+            ) {
+                self.column::<S>(column, lanes.clone());
+            } else {
+                self.one_by_one::<S>(lanes.clone(), column..column + 1);
             }
         }
     }
 
+    /// Some columns of some lanes, lane after lane.
     #[inline(always)]
-    fn some_lanes<S: Simd>(&mut self, simd: S, lanes: Range<usize>) {
-        self.transpose(lanes.clone());
-        if !all_finite(simd, &self.transposed[..lanes.len() * self.columns]) {
-            return self.one_by_one::<S>(lanes);
+    fn transpose(&mut self, lanes: Range<usize>, columns: Range<usize>) {
+        const SIDE: usize = 4;
+        let width = columns.len();
+        let column = |i: usize| &self.x[(columns.start + i) * self.x_pitch..][lanes.clone()];
+        let mut first = 0;
+        // Four at a time: they interleave in vectors, and then make a quarter of the stores.
+        let mut quads = [[R::default(); SIDE]; LANES];
+        while first + SIDE <= width {
+            let x: [&[R]; SIDE] = std::array::from_fn(|i| column(first + i));
+            let quads = &mut quads[..lanes.len()];
+            for (lane, quad) in quads.iter_mut().enumerate() {
+                *quad = [x[0][lane], x[1][lane], x[2][lane], x[3][lane]];
+            }
+            let to = self.transposed.chunks_exact_mut(width);
+            for (to, quad) in to.zip(quads) {
+                to[first..first + SIDE].copy_from_slice(quad);
+            }
+            first += SIDE;
         }
-        let (packs, rest) = R::packs::<S>(&self.transposed[..self.columns]);
-        let (packs, rest) = (packs.len(), rest.len());
+        for i in first..width {
+            let to = self.transposed.chunks_exact_mut(width);
+            for (to, x) in to.zip(column(i)) {
+                to[i] = *x;
+            }
+        }
+    }
+
+    /// All rows by packs `k .. k + width` of columns.
+    #[inline(always)]
+    fn rows<S: Simd>(&mut self, simd: S, (k, width): (usize, usize), lanes: Range<usize>) {
         let mut row = 0;
         while row < self.rows {
             let height = height::<S>(self.rows - row);
-            let mut k = 0;
-            while k < packs {
-                let width = if k + TILE <= packs { TILE } else { 1 };
-                let lanes = lanes.clone();
-                match (height, width) {
-                    (MANY_ROWS, TILE) => self.tile::<S, MANY_ROWS, TILE>(simd, row, k, lanes),
-                    (MANY_ROWS, _) => self.tile::<S, MANY_ROWS, 1>(simd, row, k, lanes),
-                    (ROWS, TILE) => self.tile::<S, ROWS, TILE>(simd, row, k, lanes),
-                    (ROWS, _) => self.tile::<S, ROWS, 1>(simd, row, k, lanes),
-                    (_, TILE) => self.tile::<S, 1, TILE>(simd, row, k, lanes),
-                    _ => self.tile::<S, 1, 1>(simd, row, k, lanes),
-                }
-                k += width;
-            }
-            for column in self.columns - rest..self.columns {
-                match height {
-                    MANY_ROWS => self.column::<S, MANY_ROWS>(row, column, lanes.clone()),
-                    ROWS => self.column::<S, ROWS>(row, column, lanes.clone()),
-                    _ => self.column::<S, 1>(row, column, lanes.clone()),
-                }
+            let lanes = lanes.clone();
+            match (height, width) {
+                (MANY_ROWS, TILE) => self.tile::<S, MANY_ROWS, TILE>(simd, row, k, lanes),
+                (MANY_ROWS, _) => self.tile::<S, MANY_ROWS, 1>(simd, row, k, lanes),
+                (ROWS, TILE) => self.tile::<S, ROWS, TILE>(simd, row, k, lanes),
+                (ROWS, _) => self.tile::<S, ROWS, 1>(simd, row, k, lanes),
+                (_, TILE) => self.tile::<S, 1, TILE>(simd, row, k, lanes),
+                _ => self.tile::<S, 1, 1>(simd, row, k, lanes),
             }
             row += height;
-        }
-    }
-
-    /// Some lanes, without tiles and by the zero rule.
-    #[inline(always)]
-    fn one_by_one<F: Fma>(&mut self, lanes: Range<usize>) {
-        for row in 0..self.rows {
-            let sums = &mut self.sums[row * self.columns..][..self.columns];
-            let g = &self.g[row * self.g_pitch..][lanes.clone()];
-            for (g, x) in g.iter().zip(self.transposed.chunks_exact(self.columns)) {
-                for (sum, x) in sums.iter_mut().zip(x) {
-                    *sum = add_product::<R, F>(*g, *x, *sum, Derivative::First);
-                }
-            }
         }
     }
 
@@ -352,18 +355,20 @@ impl<R: Real> Outer<'_, R> {
     ) {
         let columns = self.columns;
         let mut sums = [[R::splat(simd, R::default()); T]; N];
+        let mut width = 0;
         for n in 0..N {
             let start = (row + n) * columns;
-            let all = R::packs::<S>(&self.sums[start..start + columns]).0;
+            let (all, rest) = R::packs::<S>(&self.sums[start..start + columns]);
             sums[n].copy_from_slice(&all[k..k + T]);
+            width = T * ((columns - rest.len()) / all.len());
         }
         let mut g = [&self.g[..0]; N];
         for n in 0..N {
             g[n] = &self.g[(row + n) * self.g_pitch..][lanes.clone()];
         }
-        for lane in 0..lanes.len() {
-            let x = &self.transposed[lane * columns..(lane + 1) * columns];
-            let x = &R::packs::<S>(x).0[k..k + T];
+        let panel = self.transposed[..lanes.len() * width].chunks_exact(width);
+        for (lane, x) in panel.enumerate() {
+            let x = &R::packs::<S>(x).0[..T];
             for n in 0..N {
                 let g = R::splat(simd, g[n][lane]);
                 for t in 0..T {
@@ -378,23 +383,58 @@ impl<R: Real> Outer<'_, R> {
         }
     }
 
-    /// `N` rows of a column that fills no register: sums side by side, since each waits for its own last addition only.
+    /// All rows of a column that fills no register.
     #[inline(always)]
-    fn column<F: Fma, const N: usize>(&mut self, row: usize, column: usize, lanes: Range<usize>) {
+    fn column<S: Simd>(&mut self, column: usize, lanes: Range<usize>) {
+        let mut row = 0;
+        while row < self.rows {
+            let height = height::<S>(self.rows - row);
+            match height {
+                MANY_ROWS => self.column_rows::<S, MANY_ROWS>(row, column, lanes.clone()),
+                ROWS => self.column_rows::<S, ROWS>(row, column, lanes.clone()),
+                _ => self.column_rows::<S, 1>(row, column, lanes.clone()),
+            }
+            row += height;
+        }
+    }
+
+    /// `N` rows of a column: sums side by side, since each waits for its own last addition only.
+    #[inline(always)]
+    fn column_rows<F: Fma, const N: usize>(
+        &mut self,
+        row: usize,
+        column: usize,
+        lanes: Range<usize>,
+    ) {
         let mut g = [&self.g[..0]; N];
         for n in 0..N {
             g[n] = &self.g[(row + n) * self.g_pitch..][lanes.clone()];
         }
         let at = |n: usize| (row + n) * self.columns + column;
         let mut sums: [R; N] = std::array::from_fn(|n| self.sums[at(n)]);
-        for lane in 0..lanes.len() {
-            let x = self.transposed[lane * self.columns + column];
+        let x = &self.x[column * self.x_pitch..][lanes];
+        for (lane, x) in x.iter().enumerate() {
             for n in 0..N {
-                sums[n] = g[n][lane].mul_add::<F>(x, sums[n]);
+                sums[n] = g[n][lane].mul_add::<F>(*x, sums[n]);
             }
         }
         for n in 0..N {
             self.sums[(row + n) * self.columns + column] = sums[n];
+        }
+    }
+
+    /// Some columns of some lanes, without tiles and by the zero rule.
+    #[inline(always)]
+    fn one_by_one<F: Fma>(&mut self, lanes: Range<usize>, columns: Range<usize>) {
+        for row in 0..self.rows {
+            let g = &self.g[row * self.g_pitch..][lanes.clone()];
+            for column in columns.clone() {
+                let x = &self.x[column * self.x_pitch..][lanes.clone()];
+                let sum = &mut self.sums[row * self.columns + column];
+                for (g, x) in g.iter().zip(x) {
+                    *sum = add_product::<R, F>(*g, *x, *sum, Derivative::First);
+                }
+            }
         }
     }
 }

@@ -167,7 +167,7 @@ pub fn record_with(steps: &[Step], simplify: bool, detach: bool) -> Program {
             45 => {
                 let share = s.sum_axis().channel(0);
                 samples.push(settle(
-                    field.gather_weighted(&[(&index[0], &share), (&index[1], &weight)]),
+                    field.gather_weighted(&[(&index[0], &share), (&index[1], &(1.3 - &share))]),
                 ));
             }
             46 => pixels.push(settle(s.segment_dot(&field.gather(&index[b % 2])) * 0.1)),
