@@ -23,7 +23,9 @@ fn main() {
         let wanted = |name: &str| {
             let mut names = std::env::args()
                 .skip(1)
-                .filter(|arg| ["shading", "contraction", "tables", "network"].contains(&arg.as_str()))
+                .filter(|arg| {
+                    ["shading", "contraction", "tables", "network"].contains(&arg.as_str())
+                })
                 .peekable();
             names.peek().is_none() || names.any(|arg| arg == name)
         };

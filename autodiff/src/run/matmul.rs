@@ -12,17 +12,19 @@ use super::zero::{Derivative, add_product, all_finite};
 use crate::op::kernel::{Kernel, dispatch};
 use crate::real::{Fma, Real};
 
-/// Rows of a register tile: as many as registers allow, so that each operand loaded serves many products.
+/// Rows of a register tile, and registers along each: as many as there are registers for, so that each operand loaded serves
+/// many products, and addresses are computed for few rows.
 const ROWS: usize = 4;
-const MANY_ROWS: usize = 8;
-/// Registers along a row of a tile.
 const TILE: usize = 2;
+/// The same with 32 registers.
+const MANY_ROWS: usize = 6;
+const WIDE_TILE: usize = 4;
 /// Lanes that an outer product takes at a time: a panel of them, transposed, stays in L1.
 const LANES: usize = 128;
 /// Input channels that a product takes at a time, and most lanes of a tile: a copy of them side by side stays in L1, where
 /// channels as they are lie on more pages than a core translates without waiting.
-const DEPTH: usize = 128;
-const PANEL: usize = 32;
+const DEPTH: usize = 64;
+const PANEL: usize = 64;
 
 /// A panel on a cache line, so that no vector load straddles two.
 #[repr(align(64))]
@@ -34,6 +36,16 @@ fn height<S: Simd>(rows: usize) -> usize {
     match rows {
         MANY_ROWS.. if S::REGISTER_COUNT >= 32 => MANY_ROWS,
         ROWS.. => ROWS,
+        _ => 1,
+    }
+}
+
+/// The registers along a row of the next tile.
+#[inline(always)]
+fn width<S: Simd>(packs: usize) -> usize {
+    match packs {
+        WIDE_TILE.. if S::REGISTER_COUNT >= 32 => WIDE_TILE,
+        TILE.. => TILE,
         _ => 1,
     }
 }
@@ -82,7 +94,7 @@ impl<R: Real> Kernel for Product<'_, R> {
         let mut k = 0;
         // Lanes outside, rows inside: a tile of `x` is in L1 for all rows.
         while k < packs {
-            let width = if k + TILE <= packs { TILE } else { 1 };
+            let width = width::<S>(packs - k);
             // Without channels there is still a bias.
             for start in (0..self.inner.max(1)).step_by(DEPTH) {
                 let inner = start..self.inner.min(start + DEPTH);
@@ -158,12 +170,19 @@ impl<R: Real> Product<'_, R> {
             let height = height::<S>(self.out_rows - row);
             let (at, inner) = ((row, k), inner.clone());
             match (height, width) {
+                (MANY_ROWS, WIDE_TILE) => {
+                    self.tile::<S, MANY_ROWS, WIDE_TILE>(simd, at, padded, inner, panel)
+                }
                 (MANY_ROWS, TILE) => {
                     self.tile::<S, MANY_ROWS, TILE>(simd, at, padded, inner, panel)
                 }
                 (MANY_ROWS, _) => self.tile::<S, MANY_ROWS, 1>(simd, at, padded, inner, panel),
+                (ROWS, WIDE_TILE) => {
+                    self.tile::<S, ROWS, WIDE_TILE>(simd, at, padded, inner, panel)
+                }
                 (ROWS, TILE) => self.tile::<S, ROWS, TILE>(simd, at, padded, inner, panel),
                 (ROWS, _) => self.tile::<S, ROWS, 1>(simd, at, padded, inner, panel),
+                (_, WIDE_TILE) => self.tile::<S, 1, WIDE_TILE>(simd, at, padded, inner, panel),
                 (_, TILE) => self.tile::<S, 1, TILE>(simd, at, padded, inner, panel),
                 _ => self.tile::<S, 1, 1>(simd, at, padded, inner, panel),
             }
@@ -273,7 +292,7 @@ impl<R: Real> Outer<'_, R> {
         let mut k = 0;
         // Columns outside, rows inside: a panel of `x` is in L1 for all rows.
         while k < packs {
-            let width = if k + TILE <= packs { TILE } else { 1 };
+            let width = width::<S>(packs - k);
             let size = whole / packs;
             let columns = k * size..(k + width) * size;
             self.transpose(lanes.clone(), columns.clone());
@@ -333,10 +352,13 @@ impl<R: Real> Outer<'_, R> {
             let height = height::<S>(self.rows - row);
             let lanes = lanes.clone();
             match (height, width) {
+                (MANY_ROWS, WIDE_TILE) => self.tile::<S, MANY_ROWS, WIDE_TILE>(simd, row, k, lanes),
                 (MANY_ROWS, TILE) => self.tile::<S, MANY_ROWS, TILE>(simd, row, k, lanes),
                 (MANY_ROWS, _) => self.tile::<S, MANY_ROWS, 1>(simd, row, k, lanes),
+                (ROWS, WIDE_TILE) => self.tile::<S, ROWS, WIDE_TILE>(simd, row, k, lanes),
                 (ROWS, TILE) => self.tile::<S, ROWS, TILE>(simd, row, k, lanes),
                 (ROWS, _) => self.tile::<S, ROWS, 1>(simd, row, k, lanes),
+                (_, WIDE_TILE) => self.tile::<S, 1, WIDE_TILE>(simd, row, k, lanes),
                 (_, TILE) => self.tile::<S, 1, TILE>(simd, row, k, lanes),
                 _ => self.tile::<S, 1, 1>(simd, row, k, lanes),
             }

@@ -166,9 +166,10 @@ pub fn record_with(steps: &[Step], simplify: bool, detach: bool) -> Program {
             44 => samples.push(field.gather(&index[b % 2])),
             45 => {
                 let share = s.sum_axis().channel(0);
-                samples.push(settle(
-                    field.gather_weighted(&[(&index[0], &share), (&index[1], &(1.3 - &share))]),
-                ));
+                samples.push(settle(field.gather_weighted(&[
+                    (&index[0], &share),
+                    (&index[1], &(1.3 - &share)),
+                ])));
             }
             46 => pixels.push(settle(s.segment_dot(&field.gather(&index[b % 2])) * 0.1)),
             47 => texels.push(settle((&field * &scale).linear_map(&texel, Arc::new(Mix)))),
