@@ -99,7 +99,9 @@ pub enum RunError {
         found: usize,
     },
     /// An index beyond its table.
-    #[error("index `{name}`: lane {lane} is {value}, but the table `{table}` has {lanes} lanes")]
+    #[error(
+        "index `{name}`: lane {lane} is {value}, but the table `{table}` has {lanes} lanes: indices count them from 0"
+    )]
     IndexOutOfRange {
         /// The index array.
         name: String,
@@ -145,7 +147,8 @@ pub enum RunError {
     OtherProgram,
     /// A user's linear map whose shape is not that of the domains.
     #[error(
-        "the linear map of `{name}` is {map_in} -> {map_out} lanes, its domains have {domain_in} -> {domain_out}"
+        "the linear map of `{name}` is {map_in} -> {map_out} lanes, its domains have {domain_in} -> {domain_out}: make them agree by \
+         `Sizes::lanes`"
     )]
     MapShape {
         /// Label of the result.

@@ -76,7 +76,7 @@
 //! | `ln` at 0; below | minus infinity; NaN | infinite; `1 / x` |
 //! | `pow` at base 0: exponent below 0; 0; in (0, 1); 1; above | infinite; 1; 0; 0; 0 | by the base minus infinity; 0; infinite; 1; 0, by the exponent 0 |
 //! | `pow` of a negative base: exponent 0; 1; others | 1; NaN; NaN | by the base 0; 1; NaN, by the exponent NaN |
-//! | `powi` at 0: exponent 0; -1; below | 1; infinite; infinite | 0; minus infinity; NaN |
+//! | `powi` at 0: exponent 0; below | 1; infinite | 0; minus infinity |
 //! | `acos` at -1 and 1; beyond | pi, 0; NaN | minus infinity; NaN |
 //! | `atan2` at (0, 0) | 0 | NaN |
 //! | `normalize` of the zero vector | NaN | infinite |

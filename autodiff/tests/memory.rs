@@ -145,8 +145,28 @@ fn check_prediction<S: Scalar>() {
     assert!(ws.bytes() <= predicted.values + predicted.hessian);
 }
 
+/// What the allocator gives, which the workspace's own count could miss; index arrays, names and plans are not predicted.
+fn check_allocations<S: Scalar>() {
+    let (program, bound) = (program(), bound::<S>());
+    let predicted = program.memory::<S>(&sizes()).unwrap();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+    let taken = pool.unwrap().install(|| {
+        let measured = measure(|| {
+            let mut ws = workspace::<S>(&program);
+            run(&program, &mut ws, &bound);
+        });
+        measured.bytes_max
+    });
+    let besides = (4 * index().len() + (64 << 10)) as u64;
+    let predicted = predicted.total() as u64;
+    assert!(taken <= predicted + besides, "{taken} of {predicted}");
+    assert!(taken * 10 >= predicted * 7, "{taken} of {predicted}");
+}
+
 #[test]
 fn memory_is_within_its_prediction() {
+    check_allocations::<f32>();
+    check_allocations::<f64>();
     check_prediction::<f32>();
     check_prediction::<f64>();
 }

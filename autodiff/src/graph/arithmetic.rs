@@ -144,7 +144,16 @@ impl<A: Kind> Array<A> {
     #[track_caller]
     pub fn powi(&self, n: i32) -> Array<A> {
         let location = Location::caller();
-        let power = match n.unsigned_abs() {
+        if n < 0 {
+            // The power of the reciprocal: of the reciprocal of a power, derivatives at 0 are infinity times 0.
+            let (below, times) = (self.unary(Element::Recip, location), n.unsigned_abs());
+            return match times {
+                1 => below,
+                // i32::MIN has no opposite.
+                _ => below.powi(times.min(i32::MAX as u32) as i32),
+            };
+        }
+        match n.unsigned_abs() {
             0 => self.unary(
                 Element::Affine {
                     scale: 0.0,
@@ -159,11 +168,6 @@ impl<A: Kind> Array<A> {
                 .powi((even / 2) as i32)
                 .unary(Element::Square, location),
             odd => self.raw(&self.powi((odd - 1) as i32), Element::Mul, location),
-        };
-        if n < 0 {
-            power.unary(Element::Recip, location)
-        } else {
-            power
         }
     }
 
@@ -253,7 +257,11 @@ impl<A: Kind> Array<A> {
             self.reject(
                 "channel",
                 Location::caller(),
-                format!("channel {i} of {} does not exist", shape.channels),
+                format!(
+                    "there is no channel {i} of {}: take one of 0 to {}",
+                    shape.channels,
+                    shape.channels - 1
+                ),
             );
             return self.clone();
         }

@@ -20,10 +20,14 @@ impl<A: Kind> Array<A> {
         }
         let shape = self.shape();
         if self.parent_of(child.id) != Some(shape.domain) {
+            let own = self.graph.domain_name(shape.domain);
             self.reject(
                 "expand",
                 location,
-                "expand goes from a domain to one declared as its `segments`",
+                format!(
+                    "`{0}` is not made of segments of `{own}`: declare it by `segments`, with that domain as its parent",
+                    self.graph.domain_name(child.id)
+                ),
             );
         }
         let shape = Shape {
@@ -168,7 +172,14 @@ impl<A: Kind> Array<A> {
             if indices.is_empty() {
                 shape = found;
             } else if found != shape {
-                let hint = "the indices of all corners have one domain";
+                let recording = self.graph.recording.borrow();
+                let names =
+                    [corners[0].0, index].map(|index| recording.indices[index.id].name.clone());
+                drop(recording);
+                let [first, other] = names;
+                let hint = format!(
+                    "the indices of all corners have one domain, but `{other}` has another than `{first}`"
+                );
                 self.reject("gather_weighted", location, hint);
             }
             let weight_shape = weight.shape();
@@ -245,7 +256,11 @@ impl<A: Kind> Array<A> {
                 bias.reject(
                     "matmul",
                     location,
-                    format!("the bias is uniform with {channels} channels"),
+                    format!(
+                        "the bias of {} times {} is uniform with {channels} channels",
+                        self.graph.describe(self.id),
+                        self.graph.describe(weight.id)
+                    ),
                 );
             }
             inputs.push(bias.id);
@@ -311,13 +326,14 @@ impl<A: Kind> Array<A> {
         }
         let info = self.graph.recording.borrow().indices[index.id].clone();
         if info.table != shape.domain {
-            let table = self.graph.recording.borrow().domains[info.table]
-                .name
-                .clone();
+            let [table, own] = [info.table, shape.domain].map(|id| self.graph.domain_name(id));
             self.reject(
                 op,
                 location,
-                format!("index `{}` looks up the domain `{table}`", info.name),
+                format!(
+                    "index `{}` looks up the domain `{table}`: declare it with the domain `{own}` as its table",
+                    info.name
+                ),
             );
         }
         Some(Shape {

@@ -148,6 +148,11 @@ impl Graph {
         recording.error.get_or_insert(error);
     }
 
+    /// A domain's name, for messages.
+    pub(super) fn domain_name(&self, domain: usize) -> String {
+        self.recording.borrow().domains[domain].name.clone()
+    }
+
     /// A node's label and shape, for messages.
     pub(super) fn describe(&self, id: NodeId) -> String {
         self.recording.borrow().describe(id)
