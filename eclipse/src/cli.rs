@@ -23,7 +23,7 @@ pub use labels::{Label, LabelsError, parse_labels};
 pub use log::log;
 use std::{
     ffi::OsString,
-    io::Write,
+    io::{self, Write},
     path::Path,
     process::ExitCode,
     sync::{
@@ -132,6 +132,7 @@ pub fn run(
     out: &mut dyn Write,
     err: &mut dyn Write,
 ) -> Outcome {
+    let (out, err) = (&mut Plain(out), &mut Plain(err));
     let typed: Vec<OsString> = arguments.into_iter().collect();
     let arguments = match Arguments::try_parse_from(&typed) {
         Ok(arguments) => arguments,
@@ -174,6 +175,31 @@ pub fn run(
             let _ = writeln!(err, "error: {}", failure.message);
             failure.outcome
         }
+    }
+}
+
+/// Text without control characters but tabs and the ends of lines: names in files of strangers must not steer a terminal. Others are
+/// written as JSON has them, which stays JSON.
+struct Plain<'a>(&'a mut dyn Write);
+
+impl Write for Plain<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        // Whole words are written here, no parts of characters.
+        let text = String::from_utf8_lossy(bytes);
+        let mut plain = String::with_capacity(text.len());
+        for character in text.chars() {
+            match character {
+                '\n' | '\t' => plain.push(character),
+                _ if character.is_control() => plain += &format!("\\u{:04x}", character as u32),
+                _ => plain.push(character),
+            }
+        }
+        self.0.write_all(plain.as_bytes())?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.flush()
     }
 }
 

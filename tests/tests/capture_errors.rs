@@ -6,7 +6,11 @@ use eclipse::{
     capture::{Capture, LoadOptions},
     image_io::{write_exr, write_png8},
 };
-use eclipse_tests::on_disk::{Spoiled, files_say, grey, json_says};
+use eclipse_tests::{
+    on_disk::{Spoiled, files_say, grey, json_says},
+    small_capture::small_capture,
+};
+use glam::Vec3;
 use render::image::Image;
 use serde_json::{Value, json};
 
@@ -54,6 +58,75 @@ fn transforms_that_are_missing_or_not_json() {
         spoil("{\"frames\": [{\"file_path\": \"a\", \"w\":\n -Infinity}]}"),
         &["`frames[0].w`: -Infinity in line 2", "JSON has no NaN"],
     );
+}
+
+#[test]
+fn frames_beyond_number() {
+    // As long as they are good ones, and where the first of them is not.
+    for frame in ["{\"file_path\":\"a\"}", "{}"] {
+        let text = format!("{{\"frames\":[{}]}}", vec![frame; 100_001].join(","));
+        let told = match frame {
+            "{}" => "missing field `file_path`",
+            _ => "`frames`: more than 100000 frames, the most that are read: leave some out",
+        };
+        files_say(
+            |path| fs::write(path.join("transforms.json"), &text).unwrap(),
+            &["transforms.json cannot be understood", told],
+        );
+    }
+}
+
+#[test]
+fn names_with_control_characters() {
+    json_says(
+        |json| json["frames"][5]["file_path"] = json!("\u{1b}[2J.png"),
+        &[
+            "transforms.json: frame \"\\u{1b}[2J.png\": `file_path` has control characters",
+            "rename the file",
+        ],
+    );
+    json_says(
+        |json| json["frames"][5]["mask_path"] = json!("m.png\nerror: none"),
+        &["frame \"005.exr\": `mask_path` has control characters"],
+    );
+    json_says(
+        |json| json["ply_file_path"] = json!("\u{9b}2J.ply"),
+        &["`ply_file_path` has control characters; rename the file"],
+    );
+    json_says(
+        |json| json["shape"] = json!({ "sphere": {}, "\u{1b}[2J\n": 1 }),
+        &["cannot be understood", "\u{fffd}[2J"],
+    );
+}
+
+/// A folder whose name clears the screen, and then says something.
+#[cfg(unix)]
+#[test]
+fn nothing_that_is_printed_steers_a_terminal() {
+    let outer = tempfile::tempdir().unwrap();
+    let path = outer.path().join("\u{1b}[2J\u{9b}31mcapture");
+    let capture = small_capture(Vec3::new(0.5, 0.0, 0.0));
+    eclipse::capture::write(&path, &capture).unwrap();
+    let inspect = |more: &[&str]| {
+        let (mut out, mut err) = (Vec::new(), Vec::new());
+        let words = ["eclipse", "inspect", path.to_str().unwrap()];
+        let words = words.iter().chain(more).map(Into::into);
+        eclipse::cli::run(words, &mut out, &mut err);
+        [out, err].map(|bytes| String::from_utf8(bytes).unwrap())
+    };
+    let is_plain = |text: &str| !text.contains(|c: char| c.is_control() && c != '\n');
+    let [out, _] = inspect(&[]);
+    assert!(is_plain(&out), "{out:?}");
+    assert!(out.contains("\\u001b[2J\\u009b31mcapture"), "{out}");
+    // What programs read means what it did.
+    let [out, _] = inspect(&["--json"]);
+    assert!(is_plain(&out), "{out:?}");
+    let json: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(json["capture"].as_str(), path.to_str());
+    fs::remove_file(path.join("mesh.glb")).unwrap();
+    let [out, err] = inspect(&[]);
+    assert_eq!(out, "");
+    assert!(is_plain(&err) && err.contains("\\u001b[2J"), "{err:?}");
 }
 
 #[test]

@@ -1,15 +1,20 @@
 //! Everything that can be wrong with a capture's files, photographs, masks and mesh, ends with one message of the same kind.
 
 use std::{fs, path::PathBuf};
+#[cfg(unix)]
+use std::{os::unix::fs::symlink, path::Path};
 
 use eclipse::{
-    capture::{Capture, LoadOptions},
+    capture::{Capture, LoadOptions, formats::colmap::Encoding},
     image_io::{write_exr, write_png8},
 };
 use eclipse_tests::{
+    colmap_model,
     on_disk::{Spoiled, files_say, grey, json_says},
-    small_capture::SIZE,
+    small_capture::{SIZE, small_capture},
+    tetrahedron::gltf,
 };
+use glam::Vec3;
 use render::image::Image;
 use serde_json::json;
 
@@ -196,18 +201,142 @@ fn paths_that_lead_out_of_the_folder() {
     absolute.says(&parts);
     #[cfg(unix)]
     {
-        let linked = outside("link.exr");
-        std::os::unix::fs::symlink(path, linked.path.join("link.exr")).unwrap();
-        fs::copy(linked.path.join("001.exr"), linked.path.join("../000.exr")).unwrap();
-        std::os::unix::fs::symlink("../000.exr", linked.path.join("other.exr")).unwrap();
-        let mut linked = linked;
-        linked.json["frames"][0]["file_path"] = json!("other.exr");
-        linked.says(&parts);
+        // Whether a link is absolute or relative.
+        for target in [path.as_path(), "../000.exr".as_ref()] {
+            let linked = outside("link.exr");
+            symlink(target, linked.path.join("link.exr")).unwrap();
+            linked.says(&parts);
+        }
     }
     let mut mesh = outside("000.exr");
     fs::rename(mesh.path.join("mesh.glb"), mesh.path.join("../mesh.glb")).unwrap();
     mesh.json["ply_file_path"] = json!("../mesh.glb");
     mesh.says(&["transforms.json: `ply_file_path` names", "outside"]);
+}
+
+/// A way in which a file of a capture lies elsewhere, and what is said of it.
+#[cfg(unix)]
+type Elsewhere = (&'static str, fn(&mut Spoiled), &'static [&'static str]);
+
+#[cfg(unix)]
+#[test]
+fn files_that_lie_elsewhere_through_links() {
+    let cases: [Elsewhere; 6] = [
+        (
+            "a mask",
+            |capture| {
+                write_masks(&capture.path.join(".."));
+                symlink("../002.png", capture.path.join("mask.png")).unwrap();
+                capture.json["frames"][2]["mask_path"] = json!("mask.png");
+            },
+            &["frame \"002\": `mask_path` names", "mask.png, which lies"],
+        ),
+        (
+            "a mask by dots",
+            |capture| {
+                write_masks(&capture.path.join(".."));
+                capture.json["frames"][2]["mask_path"] = json!("../002.png");
+            },
+            &["`mask_path` names", "../002.png, which lies"],
+        ),
+        (
+            "the mesh",
+            |capture| moved_out(capture, "mesh.glb", "mesh.glb"),
+            &["`mesh` names", "capture/mesh.glb, which lies"],
+        ),
+        (
+            "the mesh under another name",
+            |capture| {
+                // No name of a capture's own mesh.
+                moved_out(capture, "mesh.glb", "shape.glb");
+                capture.json["ply_file_path"] = json!("shape.glb");
+            },
+            &["transforms.json: `ply_file_path` names", "shape.glb, which"],
+        ),
+        (
+            "masks of COLMAP",
+            |capture| {
+                fs::remove_dir_all(&capture.path).unwrap();
+                let made = small_capture(Vec3::new(0.5, 0.0, 0.0));
+                colmap_model::write(&capture.path, &made, Encoding::Text);
+                write_masks(&capture.path.join("../elsewhere"));
+                symlink("../elsewhere", capture.path.join("masks")).unwrap();
+            },
+            &["frame \"003.png\": `masks` names", "masks/003.png, which"],
+        ),
+        (
+            "masks of Stanford-ORB",
+            |capture| {
+                let at = |name: &str| capture.path.join(name);
+                fs::create_dir(at("train")).unwrap();
+                for frame in capture.json["frames"].as_array_mut().unwrap() {
+                    let name = frame["file_path"].as_str().unwrap().to_owned();
+                    let moved = format!("train/{name}");
+                    fs::rename(at(&name), at(&moved)).unwrap();
+                    frame["file_path"] = json!(moved);
+                }
+                fs::remove_file(at("transforms.json")).unwrap();
+                let text = capture.json.to_string();
+                fs::write(at("transforms_train.json"), text).unwrap();
+                write_masks(&at("../elsewhere"));
+                symlink("../elsewhere", at("train_mask")).unwrap();
+            },
+            &["`mask_path` names", "train_mask/003.png, which lies"],
+        ),
+    ];
+    for (what, spoil, parts) in cases {
+        let mut capture = Spoiled::fresh();
+        spoil(&mut capture);
+        if capture.path.join("transforms.json").exists() {
+            let text = capture.json.to_string();
+            fs::write(capture.path.join("transforms.json"), text).unwrap();
+        }
+        let load = |allow_outside| {
+            let options = LoadOptions {
+                allow_outside,
+                ..LoadOptions::default()
+            };
+            Capture::load(&capture.path, &options).map_err(|error| error.to_string())
+        };
+        let message = load(false).expect_err(what);
+        let allowed = "outside the capture's folder; move it inside and correct the path, or give --allow-outside";
+        for part in parts.iter().chain(&[allowed]) {
+            assert!(message.contains(part), "{what}: {part:?} in {message:?}");
+        }
+        load(true).unwrap_or_else(|error| panic!("{what}: {error}"));
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_buffer_of_a_mesh_that_lies_elsewhere_through_a_link() {
+    let capture = Spoiled::fresh();
+    fs::remove_file(capture.path.join("mesh.glb")).unwrap();
+    let (json, data) = gltf("data.bin", json!({ "mesh": 0 }));
+    fs::write(capture.path.join("mesh.gltf"), json.to_string()).unwrap();
+    fs::write(capture.path.join("../data.bin"), data).unwrap();
+    symlink("../data.bin", capture.path.join("data.bin")).unwrap();
+    capture.load_says(&[
+        "mesh.gltf",
+        "its buffer \"data.bin\" lies outside the mesh's folder: put it beside the mesh",
+    ]);
+}
+
+/// Moves a file out of the capture's folder, and leaves a link to it.
+#[cfg(unix)]
+fn moved_out(capture: &Spoiled, name: &str, link: &str) {
+    let elsewhere = format!("../{name}");
+    fs::rename(capture.path.join(name), capture.path.join(&elsewhere)).unwrap();
+    symlink(elsewhere, capture.path.join(link)).unwrap();
+}
+
+/// The masks of all frames in a folder, which is made.
+#[cfg(unix)]
+fn write_masks(folder: &Path) {
+    fs::create_dir_all(folder).unwrap();
+    for frame in small_capture(Vec3::ZERO).frames {
+        write_png8(&folder.join(format!("{}.png", frame.name)), &frame.mask).unwrap();
+    }
 }
 
 #[cfg(unix)]
@@ -217,7 +346,7 @@ fn descriptions_that_lie_elsewhere() {
         let capture = Spoiled::fresh();
         let elsewhere = capture.path.join("../elsewhere.json");
         fs::rename(capture.path.join("transforms.json"), &elsewhere).unwrap();
-        std::os::unix::fs::symlink("../elsewhere.json", capture.path.join(name)).unwrap();
+        symlink("../elsewhere.json", capture.path.join(name)).unwrap();
         capture.load_says(&[
             name,
             "leads out of the capture's folder through a link",
@@ -232,7 +361,7 @@ fn descriptions_that_lie_elsewhere() {
         // A link within the folder leads nowhere else.
         fs::remove_file(capture.path.join(name)).unwrap();
         fs::rename(&elsewhere, capture.path.join("inside.json")).unwrap();
-        std::os::unix::fs::symlink("inside.json", capture.path.join(name)).unwrap();
+        symlink("inside.json", capture.path.join(name)).unwrap();
         Capture::load(&capture.path, &LoadOptions::default()).unwrap();
     }
     // Nor are photographs of other splits counted elsewhere.
@@ -240,7 +369,7 @@ fn descriptions_that_lie_elsewhere() {
     let at = |name: &str| capture.path.join(name);
     fs::rename(at("transforms.json"), at("transforms_train.json")).unwrap();
     fs::copy(at("transforms_train.json"), at("../test.json")).unwrap();
-    std::os::unix::fs::symlink("../test.json", at("transforms_test.json")).unwrap();
+    symlink("../test.json", at("transforms_test.json")).unwrap();
     capture.load_says(&["transforms_test.json", "leads out of the capture's folder"]);
 }
 

@@ -4,7 +4,7 @@ use std::{fs, path::Path};
 
 use eclipse::capture::{
     Capture, LoadOptions,
-    formats::colmap::{Encoding, read_points},
+    formats::colmap::{Encoding, parse_model, read_points},
     mask_overlap, write,
 };
 use eclipse_tests::{colmap_model, small_capture::small_capture};
@@ -298,6 +298,27 @@ fn broken_colmap_text_is_located_by_line_and_field() {
         "images.txt",
         |b| b.push(0xff),
         &["is not text"],
+    );
+}
+
+#[test]
+fn names_and_numbers_of_images_that_no_model_has() {
+    let camera = b"1 PINHOLE 8 8 9 9 4 4\n";
+    let message = |images: &str| {
+        let paths = ["cameras.txt", "images.txt"].map(Path::new);
+        let bytes = [&camera[..], images.as_bytes()];
+        let error = parse_model(bytes, Encoding::Text, paths).unwrap_err();
+        error.to_string()
+    };
+    let found = message("1 1 0 0 0 0 0 0 1 \u{1b}[2J.png\n\n");
+    assert!(
+        found.contains("images.txt: line 1 has the NAME \"\\u{1b}[2J.png\", with control"),
+        "{found}"
+    );
+    let found = message(&"1 1 0 0 0 0 0 0 1 a.png\n\n".repeat(100_001));
+    assert!(
+        found.contains("holds 100001 images; at most 100000 are read"),
+        "{found}"
     );
 }
 

@@ -117,6 +117,45 @@ fn a_small_gltf_cannot_ask_for_any_amount_of_memory() {
 }
 
 #[test]
+fn short_json_of_many_values_is_refused_before_it_is_parsed() {
+    // Three bytes a node, which would be hundreds once it is read.
+    let nodes = vec!["{}"; 2_100_000].join(",");
+    let json = format!(r#"{{"asset":{{"version":"2.0"}},"nodes":[{nodes}]}}"#);
+    let words = [2, 20 + json.len() as u32, json.len() as u32].map(u32::to_le_bytes);
+    let binary = [b"glTF", words.as_flattened(), b"JSON", json.as_bytes()].concat();
+    for bytes in [json.as_bytes(), &binary] {
+        let message = parse_glb(bytes).unwrap_err().to_string();
+        assert!(
+            message.contains("has more than 4194304 values in its JSON"),
+            "{message}"
+        );
+    }
+}
+
+#[test]
+fn of_many_faults_a_few_are_told() {
+    let mut json = embedded(json!({ "mesh": 0 }));
+    let invalid = |json: &Value| {
+        parse_glb(json.to_string().as_bytes())
+            .unwrap_err()
+            .to_string()
+    };
+    let nodes = |count: usize| {
+        let mut nodes = vec![json!({ "mesh": 0 })];
+        nodes.resize(1 + count, json!({ "mesh": 99 }));
+        nodes
+    };
+    json["nodes"] = json!(nodes(20));
+    let message = invalid(&json);
+    assert_eq!(message.matches("nodes[").count(), 20, "{message}");
+    assert!(!message.contains("more"), "{message}");
+    json["nodes"] = json!(nodes(25));
+    let message = invalid(&json);
+    assert_eq!(message.matches("nodes[").count(), 20, "{message}");
+    assert!(message.contains("; and 5 more"), "{message}");
+}
+
+#[test]
 fn more_faces_than_are_read_are_refused_before_they_are_stored() {
     let (mut json, data) = gltf("data.bin", json!({ "mesh": 0 }));
     // A strip of bytes: each index after the second is a face. Memory that nobody writes to is none.

@@ -3,9 +3,9 @@
 use std::{collections::BTreeMap, path::Path};
 
 use eclipse::image_io::{
-    ColorEncoding, ExrOptions, MAX_SAMPLES, Precision, decode_exr, decode_image, encode_exr,
-    encode_png8, linear_to_srgb, read_exr, read_exr_file, read_image, read_size, srgb_to_linear,
-    write_exr, write_exr_with, write_png8,
+    ColorEncoding, ExrOptions, MAX_SAMPLES, Precision, decode_exr, decode_image, decode_size,
+    decode_turn, encode_exr, encode_png8, linear_to_srgb, read_exr, read_exr_file, read_image,
+    read_size, srgb_to_linear, write_exr, write_exr_with, write_png8,
 };
 use proptest::prelude::*;
 use render::image::Image;
@@ -166,7 +166,7 @@ fn the_srgb_curve_has_its_published_values() {
 
 #[test]
 fn absurd_sizes_are_refused_before_allocation() {
-    // The header of a real file with its windows replaced: 2³⁰ × 2³⁰ pixels would need exabytes.
+    // The header of a real file with its windows replaced: 2²⁰ × 2²⁰ pixels would need terabytes.
     let mut bytes = encode_exr(
         &ramp(4, 4, 1),
         &["Y"],
@@ -181,19 +181,91 @@ fn absurd_sizes_are_refused_before_allocation() {
             .unwrap()
             + window.len()
             + 4;
-        bytes[start + 8..start + 12].copy_from_slice(&((1_u32 << 30) - 1).to_le_bytes());
-        bytes[start + 12..start + 16].copy_from_slice(&((1_u32 << 30) - 1).to_le_bytes());
+        bytes[start + 8..start + 12].copy_from_slice(&((1_u32 << 20) - 1).to_le_bytes());
+        bytes[start + 12..start + 16].copy_from_slice(&((1_u32 << 20) - 1).to_le_bytes());
     }
-    let message = decode_image(&bytes, Path::new("a.exr"), None)
-        .unwrap_err()
-        .to_string();
-    assert!(message.contains("a.exr"), "{message}");
-    let mut bytes = encode_png8(&ramp(4, 4, 1), Path::new("a.png")).unwrap();
-    bytes[16..20].copy_from_slice(&2_000_000_000_u32.to_be_bytes());
-    let message = decode_image(&bytes, Path::new("a.png"), None)
-        .unwrap_err()
-        .to_string();
-    assert!(message.contains("a.png"), "{message}");
+    too_large(&bytes, "a.exr", "1048576 × 1048576 pixels of 1 channels");
+
+    for (width, height) in [(2_000_000_000, 4), (65_000, 65_000), (0, 4)] {
+        let mut bytes = encode_png8(&ramp(4, 4, 1), Path::new("a.png")).unwrap();
+        bytes[16..20].copy_from_slice(&u32::to_be_bytes(width));
+        bytes[20..24].copy_from_slice(&u32::to_be_bytes(height));
+        // Of the chunk's name and its 13 bytes: else the file would only be damaged.
+        let crc = crc32(&bytes[12..29]);
+        bytes[29..33].copy_from_slice(&crc.to_be_bytes());
+        too_large(
+            &bytes,
+            "a.png",
+            &format!("{width} × {height} pixels of 1 channels"),
+        );
+    }
+
+    let mut bytes = Vec::new();
+    image::codecs::jpeg::JpegEncoder::new(&mut bytes)
+        .encode(&[128; 8 * 8 * 3], 8, 8, image::ExtendedColorType::Rgb8)
+        .unwrap();
+    let frame = bytes.windows(2).position(|w| w == b"\xff\xc0").unwrap();
+    // After the marker the length of two and the precision; then height and width.
+    bytes[frame + 5..frame + 9].copy_from_slice(&[65_500_u16.to_be_bytes(); 2].concat());
+    too_large(&bytes, "a.jpg", "65500 × 65500 pixels of 3 channels");
+
+    let header = "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2000000000 +X 1000000000\n";
+    let whole = "1000000000 × 2000000000 pixels of 3 channels";
+    too_large(header.as_bytes(), "a.hdr", whole);
+}
+
+/// Both who decodes and who only asks for the size are told that the file declares it, and what is read.
+#[track_caller]
+fn too_large(bytes: &[u8], name: &str, size: &str) {
+    let path = Path::new(name);
+    let message = decode_image(bytes, path, None).unwrap_err().to_string();
+    for part in [
+        &format!("{name} declares {size}"),
+        "at least one of each and at most 65536 a side and 402653184 values are read",
+        "scale the image down",
+    ] {
+        assert!(message.contains(part), "{part:?} is not in {message:?}");
+    }
+    let asked = decode_size(bytes, path).unwrap_err().to_string();
+    assert_eq!(asked, message);
+}
+
+/// CRC-32 by its definition, bit by bit.
+fn crc32(bytes: &[u8]) -> u32 {
+    let byte = |crc: u32, byte: &u8| {
+        (0..8).fold(crc ^ u32::from(*byte), |crc, _| {
+            (crc >> 1) ^ (0xedb8_8320 & (crc & 1).wrapping_neg())
+        })
+    };
+    !bytes.iter().fold(!0, byte)
+}
+
+#[test]
+fn sizes_and_turns_of_photographs_are_read_of_any_kind_of_jpeg() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/seeds/image");
+    for (name, channels, turn) in [
+        ("baseline.jpg", 3, None),
+        ("progressive.jpg", 3, None),
+        ("turned.jpg", 1, Some(6)),
+    ] {
+        let bytes = std::fs::read(folder.join(name)).unwrap();
+        let path = Path::new(name);
+        let image = decode_image(&bytes, path, None).unwrap();
+        assert_eq!(
+            [image.width, image.height, image.channels],
+            [17, 9, channels]
+        );
+        let size = decode_size(&bytes, path).unwrap();
+        assert_eq!(
+            [size.width, size.height, size.samples],
+            [17, 9, 153 * channels]
+        );
+        assert_eq!(
+            decode_turn(&bytes, path).map(|turn| turn.exif()),
+            turn,
+            "{name}"
+        );
+    }
 }
 
 /// An OpenEXR file of one pixel in a display window of `side` × `side`.

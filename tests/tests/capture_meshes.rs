@@ -266,6 +266,16 @@ fn wrong_headers_are_described() {
     assert!(message(b"plx\n").contains("does not begin with \"ply\""));
     assert!(message(b"ply\nformat ascii 1.0\n").contains("no end_header"));
     assert!(message(b"ply\nend_header\n").contains("names no format"));
+    let line = "comment of a program\n";
+    let with_comments = |count| {
+        let text = String::from_utf8(ply("ascii")).unwrap();
+        text.replacen("ply\n", &format!("ply\n{}", line.repeat(count)), 1)
+    };
+    parse_ply(with_comments(3000).as_bytes()).unwrap();
+    let endless = [b"ply\ncomment ".to_vec(), vec![b'x'; 1 << 17]].concat();
+    for long in [with_comments(3200).into_bytes(), endless] {
+        assert!(message(&long).contains("no end_header in its first 65536 bytes"));
+    }
     assert!(
         message(b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n")
             .contains("lack a property x, y or z")

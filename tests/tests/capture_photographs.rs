@@ -3,7 +3,7 @@
 use std::{fs, path::Path};
 
 use eclipse::{
-    capture::{Capture, LoadOptions},
+    capture::{Capture, LoadOptions, read_cameras},
     image_io::{ColorEncoding, srgb_to_linear, write_exr, write_png8},
 };
 use eclipse_tests::{
@@ -47,6 +47,33 @@ fn largest_difference(loaded: &Capture, expected: impl Fn(f32) -> f32) -> f32 {
     values
         .map(|(loaded, original)| (loaded - expected(original.min(1.0))).abs())
         .fold(0.0, f32::max)
+}
+
+#[test]
+fn cameras_need_no_more_of_a_photograph_than_its_size() {
+    let (folder, _, mut json) = written(Vec3::ZERO);
+    let path = folder.path().join("capture");
+    for name in ["w", "h"] {
+        json.as_object_mut().unwrap().remove(name);
+    }
+    save(&folder, &json);
+    let photograph = path.join("000.exr");
+    let bytes = fs::read(&photograph).unwrap();
+    fs::write(&photograph, &bytes[..bytes.len() / 2]).unwrap();
+    let cameras = read_cameras(&path, None, false).unwrap();
+    let sizes = cameras
+        .iter()
+        .map(|(_, camera)| [camera.width, camera.height]);
+    assert!(sizes.into_iter().all(|size| size == SIZE));
+    let error = Capture::load(&path, &LoadOptions::default()).unwrap_err();
+    assert!(error.to_string().contains("000.exr is damaged"), "{error}");
+    // What is no image has no size either.
+    fs::write(&photograph, "").unwrap();
+    let error = read_cameras(&path, None, false).unwrap_err().to_string();
+    assert!(
+        error.contains("frame \"000.exr\"") && error.contains("000.exr is damaged"),
+        "{error}"
+    );
 }
 
 #[test]

@@ -270,23 +270,16 @@ fn what_cannot_be_scored_is_said() {
     assert_eq!(program::run(program, &both).status.code(), Some(2));
 }
 
-#[test]
-fn a_scene_of_the_benchmark_is_a_capture() {
-    let folder = tempfile::tempdir().unwrap();
-    let (plain, orb) = (folder.path().join("plain"), folder.path().join("orb"));
-    let capture = small_capture(Vec3::new(0.2, -0.1, 0.4));
-    eclipse::capture::write(&plain, &capture).unwrap();
+/// A scene with its photographs where the benchmark has them, which `encode` writes under this name without extension.
+fn scene_of(orb: &Path, capture: &Capture, encode: impl Fn(&Path, &Image)) {
+    let plain = orb.with_extension("plain");
+    eclipse::capture::write(&plain, capture).unwrap();
     fs::create_dir_all(orb.join("train")).unwrap();
     fs::create_dir(orb.join("train_mask")).unwrap();
     fs::copy(plain.join("mesh.glb"), orb.join("mesh.glb")).unwrap();
     for frame in &capture.frames {
         let name = &frame.name;
-        write_exr(
-            &orb.join(format!("train/{name}.exr")),
-            &frame.image,
-            &["R", "G", "B"],
-        )
-        .unwrap();
+        encode(&orb.join(format!("train/{name}")), &frame.image);
         write_png8(&orb.join(format!("train_mask/{name}.png")), &frame.mask).unwrap();
     }
     let transforms = fs::read_to_string(plain.join("transforms.json")).unwrap();
@@ -297,6 +290,51 @@ fn a_scene_of_the_benchmark_is_a_capture() {
     }
     fs::write(orb.join("transforms_train.json"), json.to_string()).unwrap();
     fs::write(orb.join("transforms_test.json"), json.to_string()).unwrap();
+}
+
+#[test]
+fn photographs_of_eight_bits_are_those_of_a_scene_as_well() {
+    // `blender_LDR`: sRGB, without alpha, whatever lies beside them.
+    let folder = tempfile::tempdir().unwrap();
+    let orb = folder.path().join("cup_scene001");
+    let capture = small_capture(Vec3::new(0.2, -0.1, 0.4));
+    scene_of(&orb, &capture, |path, image| {
+        let mut shown = image.clone();
+        shown
+            .data
+            .iter_mut()
+            .for_each(|value| *value = linear_to_srgb(value.min(1.0)));
+        write_png8(&path.with_extension("png"), &shown).unwrap();
+    });
+    let options = LoadOptions::default();
+    let source = Capture::describe(&orb, &options).unwrap();
+    assert_eq!(source.format, "Stanford-ORB");
+    let loaded = Capture::load(&orb, &options).unwrap();
+    assert_eq!(loaded.frames.len(), capture.frames.len());
+    for (loaded, made) in loaded.frames.iter().zip(&capture.frames) {
+        assert_eq!(loaded.name, made.name);
+        let pairs = loaded.image.data.iter().zip(&made.image.data);
+        let furthest = pairs.map(|(a, b)| (a - b.min(1.0)).abs());
+        // The curve is steepest at 1, where half a step of 1/255 is 0.0045 of light.
+        assert!(furthest.fold(0.0, f32::max) < 0.0046);
+        let pairs = loaded.mask.data.iter().zip(&made.mask.data);
+        let furthest = pairs.map(|(a, b)| (a - b).abs());
+        assert!(furthest.fold(0.0, f32::max) <= 0.5 / 255.0 + 1e-6);
+    }
+    // Without its mask a photograph has no silhouette.
+    fs::remove_file(orb.join("train_mask/003.png")).unwrap();
+    let error = Capture::load(&orb, &options).unwrap_err().to_string();
+    assert!(error.contains("003.png has no alpha channel"), "{error}");
+}
+
+#[test]
+fn a_scene_of_the_benchmark_is_a_capture() {
+    let folder = tempfile::tempdir().unwrap();
+    let orb = folder.path().join("orb");
+    let capture = small_capture(Vec3::new(0.2, -0.1, 0.4));
+    scene_of(&orb, &capture, |path, image| {
+        write_exr(&path.with_extension("exr"), image, &["R", "G", "B"]).unwrap();
+    });
 
     let options = LoadOptions::default();
     let source = Capture::describe(&orb, &options).unwrap();

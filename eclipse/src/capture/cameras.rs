@@ -12,7 +12,7 @@ use super::{
     pose::{camera, declared_size, rigid_pose},
     transforms::{Transforms, read_transforms},
 };
-use crate::{files::folder_of, image_io::read_image};
+use crate::{files::folder_of, image_io::read_size};
 
 /// Widest or highest picture that is rendered, in pixels.
 pub const MAX_PICTURE_SIDE: usize = 8192;
@@ -45,11 +45,11 @@ pub fn read_cameras(
             [Some(width), Some(height)] => [width, height],
             _ if folder.has_image(name) => {
                 let image = folder.image(at, "file_path", name)?;
-                let image = read_image(&image, None).map_err(|source| CaptureError::Image {
+                let size = read_size(&image).map_err(|source| CaptureError::Image {
                     frame: name.clone(),
                     source,
                 })?;
-                [image.width, image.height]
+                [size.width, size.height]
             }
             _ => size.ok_or_else(|| {
                 let problem = "is missing, or `h`, and the photograph is not there to tell; \

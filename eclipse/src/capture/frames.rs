@@ -23,7 +23,7 @@ use crate::image_io::{ColorEncoding, read_image, read_size, read_turn, reduce, r
 
 /// What is kept of a pixel of a photograph: three values of colour and one of coverage.
 const KEPT: usize = 4;
-/// Samples that are decoded at once of frames that are reduced, 1 GiB as floats; more, where a frame alone has more.
+/// Samples that are decoded at once, 1 GiB as floats; more, where a frame alone has more. What is kept of them is less.
 const AT_ONCE: u64 = 1 << 28;
 
 /// How photographs are read: how they store colours, and the longest side that is kept of them.
@@ -40,9 +40,8 @@ pub(super) fn load(
     let names = names::of(json, entries)?;
     let samples = samples((folder, json), entries, reading.1);
     check_samples(json, &samples)?;
-    let at_once = reading.1.map_or(u64::MAX, |_| AT_ONCE);
     // In order, whatever the timing.
-    let read = batches(&samples, at_once).into_iter().flat_map(|batch| {
+    let read = batches(&samples, AT_ONCE).into_iter().flat_map(|batch| {
         let read: Vec<Result<_, CaptureError>> = names[batch.clone()]
             .par_iter()
             .zip(&entries[batch])

@@ -183,7 +183,8 @@ impl Folder {
         let is_mesh = |path: &PathBuf| {
             let extension = path.extension().unwrap_or_default().to_string_lossy();
             let known = MESHES.map(|name| &name["mesh.".len()..]);
-            known.contains(&&*extension.to_lowercase()) && path.is_file()
+            let plain = !path.to_string_lossy().contains(char::is_control);
+            plain && known.contains(&&*extension.to_lowercase()) && path.is_file()
         };
         let entries = std::fs::read_dir(&self.path).into_iter().flatten();
         let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));

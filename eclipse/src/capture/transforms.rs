@@ -3,10 +3,13 @@
 //! Poses are camera-to-world with OpenGL axes. `applied_transform` and `applied_scale` say what was done to the poses
 //! already; they are read only to explain a mesh that was left behind.
 
-use std::path::Path;
+use std::{fmt, marker::PhantomData, path::Path};
 
 use render::camera::Projection;
-use serde::{Deserialize, de::IgnoredAny};
+use serde::{
+    Deserialize, Deserializer,
+    de::{Error, IgnoredAny, SeqAccess, Visitor},
+};
 
 use super::{CaptureError, error::At};
 use crate::{
@@ -30,6 +33,8 @@ const PERSPECTIVE: [&str; 6] = [
 ];
 /// Largest `transforms.json` that is read, in bytes.
 pub const MAX_TRANSFORMS: u64 = 1 << 27;
+/// Most frames of a file that are read.
+pub const MAX_FRAMES: usize = 100_000;
 
 /// The fields of `transforms.json` that are used. Others are passed over.
 #[derive(Clone, Debug, Default, Deserialize)]
@@ -61,6 +66,7 @@ pub struct Transforms {
     /// Which it keeps for tests.
     pub test_filenames: Option<Vec<String>>,
     /// The photographs.
+    #[serde(deserialize_with = "no_more_than_are_read")]
     pub frames: Vec<TransformsFrame>,
 }
 
@@ -162,10 +168,7 @@ pub(super) fn count_frames(path: &Path) -> Result<usize, CaptureError> {
     if bytes.trim_ascii().is_empty() {
         return Ok(0);
     }
-    let counted = json::parse::<Frames>(&bytes).map_err(|error| CaptureError::Json {
-        path: path.into(),
-        reason: error.to_string(),
-    })?;
+    let counted = json::parse::<Frames>(&bytes).map_err(|error| not_json(path, &error))?;
     Ok(counted.frames.len())
 }
 
@@ -179,10 +182,7 @@ fn read(path: &Path) -> Result<Vec<u8>, CaptureError> {
 /// Parses `transforms.json` and checks what needs no other file; `path` only names it in errors.
 pub fn parse_transforms(bytes: &[u8], path: &Path) -> Result<Transforms, CaptureError> {
     let parsed = json::parse(bytes).map_err(|error| placed(bytes, error));
-    let transforms: Transforms = parsed.map_err(|error| CaptureError::Json {
-        path: path.into(),
-        reason: error.to_string(),
-    })?;
+    let transforms: Transforms = parsed.map_err(|error| not_json(path, &error))?;
     let own = transforms.camera_model.as_deref();
     if let Some(model) = own.filter(|model| projection_of(model).is_none()) {
         return Err(CaptureError::CameraModel {
@@ -190,6 +190,7 @@ pub fn parse_transforms(bytes: &[u8], path: &Path) -> Result<Transforms, Capture
             model: model.to_owned(),
         });
     }
+    transforms.check_names(path)?;
     transforms.check_frames(path)?;
     if transforms.frames.is_empty() {
         return Err(CaptureError::NoFrames { path: path.into() });
@@ -203,7 +204,7 @@ pub fn parse_transforms(bytes: &[u8], path: &Path) -> Result<Transforms, Capture
 fn placed(bytes: &[u8], error: JsonError) -> JsonError {
     #[derive(Deserialize)]
     struct OfFrames {
-        #[serde(rename = "frames")]
+        #[serde(rename = "frames", deserialize_with = "no_more_than_are_read")]
         _frames: Vec<Intrinsics>,
     }
     if error.is_syntax {
@@ -216,6 +217,46 @@ fn placed(bytes: &[u8], error: JsonError) -> JsonError {
         .chain(own())
         .find(|alone| alone.field.len() > error.field.len())
         .unwrap_or(error)
+}
+
+/// An error in one line, whatever the names in the text are made of.
+fn not_json(path: &Path, error: &JsonError) -> CaptureError {
+    CaptureError::Json {
+        path: path.into(),
+        reason: error.to_string().replace(char::is_control, "\u{fffd}"),
+    }
+}
+
+/// At most [`MAX_FRAMES`] frames, each of which takes up to a hundred times the memory of its text.
+fn no_more_than_are_read<'de, D, T>(list: D) -> Result<Vec<T>, D::Error>
+where
+    D: Deserializer<'de>,
+    T: Deserialize<'de>,
+{
+    struct Frames<T>(PhantomData<T>);
+
+    impl<'de, T: Deserialize<'de>> Visitor<'de> for Frames<T> {
+        type Value = Vec<T>;
+
+        fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+            formatter.write_str("a sequence")
+        }
+
+        fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Vec<T>, A::Error> {
+            let mut frames = Vec::new();
+            while let Some(frame) = list.next_element()? {
+                if frames.len() == MAX_FRAMES {
+                    return Err(A::Error::custom(format!(
+                        "more than {MAX_FRAMES} frames, the most that are read: leave some out"
+                    )));
+                }
+                frames.push(frame);
+            }
+            Ok(frames)
+        }
+    }
+
+    list.deserialize_seq(Frames(PhantomData))
 }
 
 /// How cameras of this `camera_model` project; `None` for those that are not supported.
@@ -232,6 +273,34 @@ impl Transforms {
     pub fn projection(&self) -> Projection {
         let own = self.camera_model.as_deref().and_then(projection_of);
         own.unwrap_or(Projection::Perspective)
+    }
+
+    /// Refuses names with characters that steer a terminal, or begin a line that looks like a message.
+    fn check_names(&self, path: &Path) -> Result<(), CaptureError> {
+        let problem = "has control characters; rename the file, and correct the name";
+        let bad =
+            |name: &Option<String>| name.as_ref().is_some_and(|n| n.contains(char::is_control));
+        for frame in &self.frames {
+            let names = [
+                ("file_path", frame.file_path.contains(char::is_control)),
+                ("mask_path", bad(&frame.mask_path)),
+                ("scene_name", bad(&frame.scene_name)),
+            ];
+            if let Some((field, _)) = names.into_iter().find(|(_, bad)| *bad) {
+                let at = At {
+                    path,
+                    frame: &frame.file_path,
+                };
+                return Err(at.field(field, problem.to_owned()));
+            }
+        }
+        match bad(&self.ply_file_path) {
+            true => Err(CaptureError::Json {
+                path: path.into(),
+                reason: format!("`ply_file_path` {problem}"),
+            }),
+            false => Ok(()),
+        }
     }
 
     /// Refuses frames that say another kind of camera than the file.

@@ -2,7 +2,7 @@
 
 use std::{
     fs::{self, File},
-    io::{self, BufRead, BufReader},
+    io::{self, BufRead, BufReader, Cursor, Seek},
     path::Path,
 };
 
@@ -34,15 +34,23 @@ pub fn read_size(path: &Path) -> Result<ImageSize, ImageIoError> {
         let reason = format!("it is not a regular file of at most {MAX_FILE} bytes");
         return Err(failed(io::Error::other(reason)));
     }
-    let mut file = BufReader::new(File::open(path).map_err(failed)?);
-    if file
-        .fill_buf()
-        .map_err(failed)?
-        .starts_with(&openexr::MAGIC)
-    {
-        openexr::size(file, path)
+    of(BufReader::new(File::open(path).map_err(failed)?), path)
+}
+
+/// [`read_size`] from bytes; `path` only names them in errors.
+pub fn decode_size(bytes: &[u8], path: &Path) -> Result<ImageSize, ImageIoError> {
+    of(Cursor::new(bytes), path)
+}
+
+fn of(mut source: impl BufRead + Seek, path: &Path) -> Result<ImageSize, ImageIoError> {
+    let head = source.fill_buf().map_err(|source| ImageIoError::Read {
+        path: path.into(),
+        source,
+    })?;
+    if head.starts_with(&openexr::MAGIC) {
+        openexr::size(source, path)
     } else {
-        raster::size(file, path)
+        raster::size(source, path)
     }
 }
 

@@ -28,12 +28,12 @@ pub use color::{ColorEncoding, linear_to_srgb, srgb_to_linear, white};
 pub use environment::{
     EnvironmentIoError, EnvironmentOptions, Rows, read_environment, read_foreign_environment,
 };
-pub use header::{ImageSize, read_size};
+pub use header::{ImageSize, decode_size, read_size};
 pub use name::{EXTENSIONS, stem};
 pub use openexr::{ExrFile, ExrOptions, Precision, decode_exr, encode_exr};
 pub use raster::{decode_raster, encode_png8};
 pub use reduce::{reduce, reduced_size};
-pub use turn::{Turn, read_turn};
+pub use turn::{Turn, decode_turn, read_turn};
 
 /// Widest or highest image that is read, in pixels.
 pub const MAX_SIDE: usize = 1 << 16;

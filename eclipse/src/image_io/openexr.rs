@@ -98,7 +98,11 @@ impl ExrFile {
             Some(places) => Ok(self.at(&places)),
             None => Err(ImageIoError::Channels {
                 path: path.into(),
-                found: self.channel_names.join(", "),
+                // Names may be of any characters, and messages are one line.
+                found: self
+                    .channel_names
+                    .join(", ")
+                    .replace(char::is_control, "\u{fffd}"),
             }),
         }
     }

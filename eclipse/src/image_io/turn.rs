@@ -15,11 +15,15 @@ pub struct Turn {
 
 /// The quarter turn that the image file `path` asks for, where it does; `None` as well for a file that cannot be read.
 pub fn read_turn(path: &Path) -> Option<Turn> {
-    let bytes = read_bytes(path).ok()?;
+    decode_turn(&read_bytes(path).ok()?, path)
+}
+
+/// [`read_turn`] from bytes; `path` names them, and is not read.
+pub fn decode_turn(bytes: &[u8], path: &Path) -> Option<Turn> {
     if bytes.starts_with(&openexr::MAGIC) {
         return None;
     }
-    Turn::of(raster::orientation(&bytes, path)?)
+    Turn::of(raster::orientation(bytes, path)?)
 }
 
 impl Turn {

@@ -18,6 +18,11 @@ use super::{
     raw::{Origins, RawMesh},
 };
 
+/// Most values in the JSON of a file, by the brackets and commas before them: a node takes three bytes there, and a hundred times as
+/// many once it is read. The JSON's length says less, since buffers may be embedded in it.
+const MAX_VALUES: usize = 1 << 22;
+/// Faults of a file that are told, where it is many.
+const TOLD: usize = 20;
 /// Deepest nesting of nodes that is followed.
 const MAX_DEPTH: usize = 256;
 /// How the names of extensions begin that only concern looks, and that can be done without.
@@ -74,7 +79,8 @@ pub(super) fn open(bytes: &[u8], load: &mut Load) -> Result<(Document, Buffers),
     }
     // Else the library would call a sound file invalid.
     if let Some(name) = root.extensions_required.first() {
-        return Err(MeshParseError::Unsupported(format!("the extension {name}")));
+        let what = format!("the extension {}", name.escape_debug());
+        return Err(MeshParseError::Unsupported(what));
     }
     // The library's validation indexes these unchecked.
     let primitives = root.meshes.iter().flat_map(|mesh| &mesh.primitives);
@@ -92,19 +98,26 @@ pub(super) fn open(bytes: &[u8], load: &mut Load) -> Result<(Document, Buffers),
 
 /// The library's own checks, which take an accessor without data for an error: by the format it holds zeros.
 fn validate(root: &Root) -> Result<(), MeshParseError> {
-    let mut faults = Vec::new();
+    let (mut told, mut faults) = (Vec::new(), 0);
     root.validate(root, Path::new, &mut |path, error| {
         let path = path();
         let no_data = error == validation::Error::Missing
             && path.as_str().starts_with("accessors[")
             && path.as_str().ends_with("].bufferView");
-        if !no_data {
-            faults.push(format!("{path}: {error}"));
+        if no_data {
+            return;
+        }
+        faults += 1;
+        if told.len() < TOLD {
+            told.push(format!("{path}: {error}"));
         }
     });
-    match faults.is_empty() {
+    if faults > told.len() {
+        told.push(format!("and {} more", faults - TOLD));
+    }
+    match told.is_empty() {
         true => Ok(()),
-        false => Err(syntax(format!("invalid glTF: {}", faults.join("; ")))),
+        false => Err(syntax(format!("invalid glTF: {}", told.join("; ")))),
     }
 }
 
@@ -145,11 +158,24 @@ pub(super) fn mesh_of(
 }
 
 pub(super) fn syntax(reason: String) -> MeshParseError {
-    MeshParseError::Syntax(reason)
+    // Names may be of any characters, and messages are one line.
+    MeshParseError::Syntax(reason.replace(char::is_control, "\u{fffd}"))
 }
 
-/// The JSON and the binary chunk of a GLB file; other files are all JSON.
+/// The JSON and the binary chunk of a GLB file; other files are all JSON. That of more than [`MAX_VALUES`] is refused.
 pub(super) fn split_glb(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), MeshParseError> {
+    let parts = split(bytes)?;
+    let before_values = parts.0.iter().filter(|byte| b"{[,".contains(byte));
+    match before_values.count() > MAX_VALUES {
+        true => Err(MeshParseError::TooLarge {
+            what: "values in its JSON",
+            most: MAX_VALUES as u64,
+        }),
+        false => Ok(parts),
+    }
+}
+
+fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), MeshParseError> {
     let Some(body) = bytes.strip_prefix(b"glTF") else {
         return Ok((bytes, None));
     };

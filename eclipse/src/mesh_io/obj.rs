@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use glam::{Vec2, Vec3};
 use render::mesh::Mesh;
 
-use super::{MeshParseError, raw::RawMesh};
+use super::{MAX_VERTICES, MeshParseError, raw::RawMesh};
 
 /// Parses an OBJ file; all its objects and groups become one mesh.
 pub fn parse_obj(bytes: &[u8]) -> Result<Mesh, MeshParseError> {
@@ -26,17 +26,20 @@ pub fn parse_obj(bytes: &[u8]) -> Result<Mesh, MeshParseError> {
         joined.push_str(line);
         let mut words = joined.split_whitespace();
         match words.next() {
-            Some("v") => obj
-                .positions
-                .push(Vec3::from_array(numbers(words).map_err(syntax)?)),
-            Some("vn") => obj
-                .normals
-                .push(Vec3::from_array(numbers(words).map_err(syntax)?)),
+            Some("v") => {
+                let position = Vec3::from_array(numbers(words).map_err(syntax)?);
+                push(&mut obj.positions, position, "vertices", MAX_VERTICES)?;
+            }
+            Some("vn") => {
+                let normal = Vec3::from_array(numbers(words).map_err(syntax)?);
+                push(&mut obj.normals, normal, "normals", MAX_VERTICES)?;
+            }
             Some("vt") => {
                 let [u] = numbers(words.clone()).map_err(syntax)?;
                 // One-dimensional textures have no v.
                 let v = numbers(words).map_or(0.0, |[_, v]| v);
-                obj.uvs.push(Vec2::new(u, 1.0 - v));
+                let uv = Vec2::new(u, 1.0 - v);
+                push(&mut obj.uvs, uv, "texture coordinates", MAX_VERTICES)?;
             }
             Some("f") => obj.face(words, syntax)?,
             _ => {}
@@ -48,6 +51,21 @@ pub fn parse_obj(bytes: &[u8]) -> Result<Mesh, MeshParseError> {
         return Err(MeshParseError::NoFaces { vertices });
     }
     obj.raw.finish()
+}
+
+/// Adds to `values`, which are refused beyond `most`: those that no face names count nowhere else.
+fn push<T>(
+    values: &mut Vec<T>,
+    value: T,
+    what: &'static str,
+    most: usize,
+) -> Result<(), MeshParseError> {
+    if values.len() >= most {
+        let most = most as u64;
+        return Err(MeshParseError::TooLarge { what, most });
+    }
+    values.push(value);
+    Ok(())
 }
 
 fn without_comment(line: &str) -> &str {
@@ -140,5 +158,22 @@ impl Obj {
             .extend(corner[2].map(|index| self.normals[index]));
         self.vertices.insert(corner, vertex);
         Ok(vertex)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_no_face_names_is_refused_beyond_the_most_as_well() {
+        let mut values = vec![0.0; 2];
+        push(&mut values, 1.0, "normals", 3).unwrap();
+        let error = push(&mut values, 1.0, "normals", 3).unwrap_err();
+        assert_eq!(values.len(), 3);
+        assert!(
+            error.to_string().contains("has more than 3 normals"),
+            "{error}"
+        );
     }
 }

@@ -2,6 +2,9 @@
 
 use super::MeshParseError;
 
+/// Longest header that is read, in bytes.
+const MAX_HEADER: usize = 1 << 16;
+
 /// What a PLY file declares.
 pub(super) struct Header {
     pub encoding: Encoding,
@@ -71,12 +74,16 @@ impl Scalar {
 /// Parses the header of `bytes`.
 pub(super) fn parse_header(bytes: &[u8]) -> Result<Header, MeshParseError> {
     let syntax = |reason: String| MeshParseError::Syntax(format!("its header {reason}"));
+    let bytes = &bytes[..bytes.len().min(MAX_HEADER)];
     let mut encoding = None;
     let mut elements: Vec<Element> = Vec::new();
     let mut start = 0;
     loop {
         let Some(length) = bytes[start..].iter().position(|&byte| byte == b'\n') else {
-            return Err(syntax("has no end_header".into()));
+            return Err(syntax(match bytes.len() {
+                MAX_HEADER => format!("has no end_header in its first {MAX_HEADER} bytes"),
+                _ => "has no end_header".into(),
+            }));
         };
         let line = String::from_utf8_lossy(&bytes[start..start + length]);
         let words: Vec<&str> = line.split_whitespace().collect();

@@ -26,7 +26,7 @@ use crate::{
         CaptureError,
         error::{At, all_good},
         paths::{Folder, IMAGES},
-        transforms::{Intrinsics, Transforms, TransformsFrame},
+        transforms::{Intrinsics, MAX_FRAMES, Transforms, TransformsFrame},
     },
     files::read_limited,
     image_io::stem,
@@ -193,6 +193,13 @@ pub fn parse_model(
             "holds no images; expected at least one that COLMAP registered",
         )));
     }
+    if images.len() > MAX_FRAMES {
+        let count = images.len();
+        return Err(at_images(Problem::new(
+            "the file",
+            format!("holds {count} images; at most {MAX_FRAMES} are read: leave some out"),
+        )));
+    }
     images.sort_by(|a, b| a.name.cmp(&b.name));
     let frames = images.iter().map(|image| frame(image, &cameras));
     let frames: Result<Vec<TransformsFrame>, Problem> = frames.collect();
@@ -287,6 +294,10 @@ fn checked_name(name: &str, place: &str) -> Result<String, Problem> {
             place,
             "has no NAME; expected the photograph's file name",
         ));
+    }
+    if name.contains(char::is_control) {
+        let problem = format!("has the NAME {name:?}, with control characters; rename the image");
+        return Err(Problem::new(place, problem));
     }
     Ok(name.to_owned())
 }
