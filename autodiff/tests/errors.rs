@@ -460,3 +460,29 @@ fn what_is_bound_is_checked() {
     program.vjp(&mut ws, "y").unwrap();
     assert_eq!(ws.output("y").unwrap(), [1.0; 48]);
 }
+
+#[test]
+fn sizes_that_no_memory_holds_are_refused() {
+    let g = Graph::new();
+    let lane = g.domain("lane");
+    let loss = g.param("x", &lane, 3).square().sum();
+    let program = g.compile(&[("loss", &loss)]).unwrap();
+    for lanes in [usize::MAX, usize::MAX / 3 + 1, isize::MAX as usize / 3] {
+        let sizes = Sizes::new().lanes("lane", lanes);
+        let errors = [
+            program.memory::<f32>(&sizes).err(),
+            program.workspace::<f64>(&sizes).err(),
+        ];
+        for error in errors {
+            let text = error.expect("a mistake").to_string();
+            assert!(text.contains("`lane`"), "{text}");
+            assert!(text.contains("more than can be addressed"), "{text}");
+        }
+    }
+    // A block of any size is cut to what there is.
+    let sizes = Sizes::new().lanes("lane", 5).block(usize::MAX);
+    let mut ws = program.workspace::<f32>(&sizes).unwrap();
+    ws.set("x", &[1.0; 15]).unwrap();
+    program.vjp(&mut ws, "loss").unwrap();
+    assert_eq!(ws.gradient("x").unwrap(), [2.0; 15]);
+}

@@ -1,10 +1,13 @@
-//! Mixtures of Gaussians and bundle adjustment against derivations by hand, to 1e-8.
+//! Mixtures of Gaussians and bundle adjustment against derivations by hand, to 1e-8, and the suite's messages.
 
 #[path = "../examples/gradbench/ba.rs"]
 mod ba;
 #[path = "../examples/gradbench/gmm.rs"]
 mod gmm;
+#[path = "../examples/gradbench/messages.rs"]
+mod messages;
 
+use serde_json::{Value, json};
 use std::f64::consts::PI;
 
 fn numbers(seed: u64, n: usize) -> Vec<f64> {
@@ -304,4 +307,123 @@ fn a_camera_that_does_not_turn_has_a_derivative() {
             assert!((a - b).abs() < 1e-3, "{k}: {a} {b}");
         }
     }
+}
+
+/// What is answered to an evaluation.
+fn evaluated(module: &str, function: &str, input: Value) -> Value {
+    let (kind, id) = ("evaluate", 7);
+    let message =
+        json!({ "kind": kind, "id": id, "module": module, "function": function, "input": input });
+    let answer = messages::answer(&message);
+    assert_eq!(answer["id"], 7);
+    answer
+}
+
+#[test]
+fn what_is_known_is_said_and_every_answer_bears_its_message_s_number() {
+    let start = messages::answer(&json!({ "kind": "start", "id": 0, "eval": "gmm" }));
+    assert_eq!(start, json!({ "id": 0, "tool": "autodiff" }));
+    for (module, known) in [("hello", true), ("gmm", true), ("ba", true), ("ode", false)] {
+        let define = json!({ "kind": "define", "id": 1, "module": module });
+        assert_eq!(
+            messages::answer(&define),
+            json!({ "id": 1, "success": known })
+        );
+    }
+    let analysis = json!({ "kind": "analysis", "id": 2, "valid": true });
+    assert_eq!(messages::answer(&analysis), json!({ "id": 2 }));
+}
+
+#[test]
+fn hello_squares_and_doubles() {
+    for (function, expected) in [("square", 9.0), ("double", 6.0)] {
+        let answer = evaluated("hello", function, json!(3.0));
+        assert_eq!(answer["success"], true);
+        assert_eq!(answer["output"], expected);
+        assert_eq!(answer["timings"][0]["name"], "evaluate");
+        assert!(answer["timings"][0]["nanoseconds"].is_u64());
+    }
+}
+
+#[test]
+fn evaluations_are_run_as_often_as_asked_and_answer_in_the_input_s_shapes() {
+    let (k, d) = (3, 2);
+    let input = json!({
+        "d": d, "k": k, "n": 5, "min_runs": 4, "min_seconds": 0.0,
+        "alpha": numbers(1, k), "mu": matrix(2, k, d), "q": matrix(3, k, d), "l": matrix(4, k, 1),
+        "x": matrix(5, 5, d), "gamma": 1.3, "m": 1,
+    });
+    let by_hand = gmm::Input {
+        alpha: numbers(1, k),
+        mu: matrix(2, k, d),
+        q: matrix(3, k, d),
+        l: matrix(4, k, 1),
+        x: matrix(5, 5, d),
+        gamma: 1.3,
+        m: 1,
+    };
+    let (objective, gradient) = gmm_by_hand(&by_hand);
+    let answer = evaluated("gmm", "objective", input.clone());
+    close(
+        "objective",
+        &[answer["output"].as_f64().unwrap()],
+        &[objective],
+    );
+    assert_eq!(answer["timings"].as_array().unwrap().len(), 4);
+    let answer = evaluated("gmm", "jacobian", input);
+    let flat = |value: &Value| -> Vec<f64> {
+        let rows = value.as_array().unwrap().iter();
+        rows.flat_map(|row| row.as_array().unwrap().iter().filter_map(Value::as_f64))
+            .collect()
+    };
+    let output = &answer["output"];
+    close("alpha", &flat(&json!([output["alpha"]])), &gradient.alpha);
+    close("mu", &flat(&output["mu"]), &gradient.mu.concat());
+    close("q", &flat(&output["q"]), &gradient.q.concat());
+    close("l", &flat(&output["l"]), &gradient.l.concat());
+}
+
+#[test]
+fn jacobians_of_bundles_are_shortened_to_the_first_observation_and_the_last_entry() {
+    let (n, m, p) = (2, 3, 20);
+    let camera = [
+        0.1, -0.2, 0.05, 0.3, 0.1, -0.4, 1.2, 0.02, -0.03, 0.01, -0.02,
+    ];
+    let input = json!({
+        "n": n, "m": m, "p": p, "cam": camera, "x": [0.3, -0.5, 2.0], "w": 0.7, "feat": [0.1, 0.2],
+    });
+    let objective = evaluated("ba", "objective", input.clone());
+    assert_eq!(objective["output"]["reproj_error"]["repeated"], p);
+    let weight = objective["output"]["w_err"]["element"].as_f64().unwrap();
+    close("weight", &[weight], &[1.0 - 0.7 * 0.7]);
+    let answer = evaluated("ba", "jacobian", input);
+    let output = &answer["output"];
+    let len = |name: &str| output[name].as_array().unwrap().len();
+    // Two rows of eleven parameters of a camera, three of a point, and a weight; then the last.
+    assert_eq!([len("rows"), len("cols"), len("vals")], [31, 31, 31]);
+    let columns = 11 * n + 3 * m + p;
+    assert_eq!(output["cols"][30], columns - 1);
+    assert_eq!(output["rows"][30], 2 * 15 * p + p);
+    assert_eq!(output["rows"][1], 15);
+    close(
+        "the last weight",
+        &[output["vals"][30].as_f64().unwrap()],
+        &[-2.0 * 0.7],
+    );
+}
+
+#[test]
+fn mistakes_are_answered_not_fatal() {
+    let missing = evaluated("ba", "objective", json!({ "n": 1, "m": 1, "p": 0 }));
+    assert_eq!(missing["success"], false);
+    assert!(missing["error"].as_str().unwrap().contains("`p`"));
+    let unknown = evaluated("hello", "cube", json!(1.0));
+    assert_eq!(unknown["success"], false);
+    assert!(unknown["error"].as_str().unwrap().contains("`cube`"));
+    let wrong = evaluated(
+        "gmm",
+        "objective",
+        json!({ "alpha": "none", "gamma": 1.0, "m": 0 }),
+    );
+    assert!(wrong["error"].as_str().unwrap().contains("`alpha`"));
 }

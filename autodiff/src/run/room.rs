@@ -31,7 +31,7 @@ pub(super) fn stride(
 ) -> usize {
     let longest = spans.iter().map(|span| span.lanes.len()).max().unwrap_or(0);
     // Few values of a phase are wide: they may overflow L1 as long as blocks keep enough lanes.
-    let wide = (WIDE * sizes.block) / widest(program, extent, phase);
+    let wide = WIDE.saturating_mul(sizes.block) / widest(program, extent, phase);
     let wanted = sizes
         .block
         .min(wide)

@@ -232,7 +232,31 @@ impl Extent {
             extent.lanes.push(lanes);
             extent.segments.push(segments);
         }
+        extent.check_elements(program)?;
         Ok(extent)
+    }
+
+    /// Refuses values that no address reaches, so that their elements can be counted without a check.
+    fn check_elements(&self, program: &Program) -> Result<(), RunError> {
+        // Partial sums, padding and dual numbers of a value take less than this many times its elements.
+        const MOST: usize = isize::MAX as usize / (1 << 10);
+        for node in &program.nodes {
+            let shape = node.shape;
+            let sides = [self.lanes[shape.domain], self.axis(shape.axis)];
+            let elements = sides
+                .iter()
+                .try_fold(shape.channels, |n, side| n.checked_mul(*side));
+            if elements.is_none_or(|n| n > MOST) {
+                return Err(RunError::Sizes {
+                    name: program.domains[shape.domain].name.clone(),
+                    problem: format!(
+                        "{} x {} x {} elements of a value are more than can be addressed; the most is {MOST}",
+                        shape.channels, sides[0], sides[1]
+                    ),
+                });
+            }
+        }
+        Ok(())
     }
 
     fn domain(

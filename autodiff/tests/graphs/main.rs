@@ -1,6 +1,7 @@
 //! Random graphs: tangents against differences, transposition, linearity, and bits over threads and blocks.
 
 mod data;
+mod kept;
 mod record;
 
 use std::sync::OnceLock;
@@ -10,10 +11,14 @@ use proptest::prelude::*;
 use proptest::test_runner::FileFailurePersistence;
 
 use data::{Data, data, few, many};
+use kept::KEPT;
 use record::{PARAMS, Step, record, record_with};
 
+/// Random ones, and now and then some that failed before.
 fn steps() -> impl Strategy<Value = Vec<Step>> {
-    prop::collection::vec((any::<u8>(), 0usize..8, 0usize..8), 3..24)
+    let random = prop::collection::vec((any::<u8>(), 0usize..8, 0usize..8), 3..24);
+    let kept = prop::sample::select(&KEPT[..]).prop_map(<[Step]>::to_vec);
+    prop_oneof![5 => random, 1 => kept]
 }
 
 fn named<S>(arrays: &[Vec<S>]) -> Vec<(&'static str, &[S])> {

@@ -194,7 +194,7 @@ pub enum MeshParseError {
         "has more than {most} {what}, the most that is read; export only the object, or simplify it"
     )]
     TooLarge {
-        /// Of what: `vertices`, `faces` or `bytes of buffers`.
+        /// Of what: `vertices`, `normals`, `texture coordinates`, `faces`, `bytes of buffers` or `values in its JSON`.
         what: &'static str,
         /// The most that is read.
         most: u64,

@@ -112,13 +112,18 @@ mod tests {
 
     #[test]
     fn names_that_lead_elsewhere_or_meet_are_refused() {
-        for name in ["../a", "a/../../b", "/etc/a", "", ".", "a\\u0000b"] {
+        for name in ["../a", "a/../../b", "/etc/a", "", "."] {
             let error = names(&format!(r#"{{"file_path":"{name}"}}"#)).unwrap_err();
             assert!(
                 error.contains("cameras.json: frame 0: `file_path`"),
                 "{error}"
             );
         }
+        let error = names(r#"{"file_path":"a\u0000b"}"#).unwrap_err();
+        assert!(
+            error.contains("`file_path` has control characters"),
+            "{error}"
+        );
         let scene = r#"{"file_path":"a","scene_name":".."}"#;
         let error = names(scene).unwrap_err();
         assert!(
