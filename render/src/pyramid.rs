@@ -121,18 +121,22 @@ impl Pyramid {
         (texel * entries..(texel + 1) * entries).map(|e| (self.index[e] as usize, self.weight[e]))
     }
 
+    /// What every finest texel is made of, texel after texel: values and their weights.
+    fn texels(&self) -> impl Iterator<Item = (&[u32], &[f64])> {
+        let entries = 4 * self.levels.len();
+        let index = self.index.chunks_exact(entries);
+        index.zip(self.weight.chunks_exact(entries))
+    }
+
     /// finest = Σ_k aᵏ · upsample(level k), for `width` columns at once.
     ///
     /// `levels_flat` is `[value][column]`, `len() × width`; `finest` is `[texel][column]` and is overwritten.
     pub fn apply<T: Float>(&self, levels_flat: &[T], finest: &mut [T], width: usize) {
         assert_eq!(levels_flat.len(), self.len() * width, "pyramid values");
         assert_eq!(finest.len(), self.finest().len() * width, "pyramid texels");
-        let entries = 4 * self.levels.len();
         if width == 1 {
             // The same sums, in a register.
-            let parts = self.index.chunks_exact(entries);
-            let parts = parts.zip(self.weight.chunks_exact(entries));
-            for (out, (index, weight)) in finest.iter_mut().zip(parts) {
+            for (out, (index, weight)) in finest.iter_mut().zip(self.texels()) {
                 let mut sum = T::ZERO;
                 for (i, w) in index.iter().zip(weight) {
                     sum += T::from_f64(*w) * levels_flat[*i as usize];
@@ -141,11 +145,11 @@ impl Pyramid {
             }
             return;
         }
-        for (texel, out) in finest.chunks_exact_mut(width).enumerate() {
+        for (out, (index, weight)) in finest.chunks_exact_mut(width).zip(self.texels()) {
             out.fill(T::ZERO);
-            for e in texel * entries..(texel + 1) * entries {
-                let w = T::from_f64(self.weight[e]);
-                let source = &levels_flat[self.index[e] as usize * width..][..width];
+            for (i, w) in index.iter().zip(weight) {
+                let w = T::from_f64(*w);
+                let source = &levels_flat[*i as usize * width..][..width];
                 for (o, s) in out.iter_mut().zip(source) {
                     *o += w * *s;
                 }
@@ -158,21 +162,10 @@ impl Pyramid {
         assert_eq!(levels_flat.len(), self.len() * width, "pyramid values");
         assert_eq!(finest.len(), self.finest().len() * width, "pyramid texels");
         levels_flat.fill(T::ZERO);
-        let entries = 4 * self.levels.len();
-        if width == 1 {
-            let parts = self.index.chunks_exact(entries);
-            let parts = parts.zip(self.weight.chunks_exact(entries));
-            for (source, (index, weight)) in finest.iter().zip(parts) {
-                for (i, w) in index.iter().zip(weight) {
-                    levels_flat[*i as usize] += T::from_f64(*w) * *source;
-                }
-            }
-            return;
-        }
-        for (texel, source) in finest.chunks_exact(width).enumerate() {
-            for e in texel * entries..(texel + 1) * entries {
-                let w = T::from_f64(self.weight[e]);
-                let out = &mut levels_flat[self.index[e] as usize * width..][..width];
+        for (source, (index, weight)) in finest.chunks_exact(width).zip(self.texels()) {
+            for (i, w) in index.iter().zip(weight) {
+                let w = T::from_f64(*w);
+                let out = &mut levels_flat[*i as usize * width..][..width];
                 for (o, s) in out.iter_mut().zip(source) {
                     *o += w * *s;
                 }
