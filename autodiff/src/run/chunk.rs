@@ -116,18 +116,6 @@ pub(super) struct Chunk<R> {
 }
 
 impl<R: Real> Chunk<R> {
-    pub fn new(span: Span) -> Self {
-        Chunk {
-            span,
-            store: Vec::new(),
-            store_tangent: Vec::new(),
-            sink: Vec::new(),
-            sink_tangent: Vec::new(),
-            pull: Vec::new(),
-            sorted: Vec::new(),
-        }
-    }
-
     pub fn bytes(&self) -> usize {
         let buffers = [
             &self.store,

@@ -88,12 +88,11 @@ impl<R: Lane> State<R> {
             resolved.push(places(program, phase, &extent, stride));
             let mut before = self.chunks.get_mut(chunks.len()).map(std::mem::take);
             let mut before = before.iter_mut().flatten();
-            let chunk = |span| match before.next() {
-                Some(chunk) => Chunk {
-                    span,
-                    ..std::mem::take(unlocked(chunk))
-                },
-                None => Chunk::new(span),
+            let chunk = |span| Chunk {
+                span,
+                ..before
+                    .next()
+                    .map_or_else(Chunk::default, |c| std::mem::take(unlocked(c)))
             };
             chunks.push(spans.into_iter().map(chunk).map(Mutex::new).collect());
         }

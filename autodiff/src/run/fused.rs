@@ -302,10 +302,13 @@ fn run_outer<R: Lane>(
         len: parents.len(),
     };
     // Nothing that is whole takes part, so nothing is accumulated.
-    let mut nothing = Chunk::new(Span {
-        lanes: parents.clone(),
-        parents: 0..0,
-    });
+    let mut nothing = Chunk {
+        span: Span {
+            lanes: parents.clone(),
+            parents: 0..0,
+        },
+        ..Chunk::default()
+    };
     replay(outer, above, lanes);
     reverse_block(outer, above, &mut nothing, lanes, None);
     for &id in sums.iter().filter(|&&id| outer.places[id].slot != NONE) {

@@ -304,10 +304,7 @@ impl<R: Real> Outer<'_, R> {
             k += width;
         }
         for column in whole..self.columns {
-            if all_finite(
-                simd,
-                &self.x[column * self.x_pitch..][lanes.start..lanes.end],
-            ) {
+            if all_finite(simd, &self.x[column * self.x_pitch..][lanes.clone()]) {
                 self.column::<S>(column, lanes.clone());
             } else {
                 self.one_by_one::<S>(lanes.clone(), column..column + 1);
