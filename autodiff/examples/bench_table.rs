@@ -88,6 +88,7 @@ fn print_table(table: &Map<String, Value>) {
             ("this engine", ""),
             ("Dr.Jit, LLVM", "drjit_"),
             ("PyTorch, its fastest form", "torch_"),
+            ("PyTorch, eager", "torch_eager_"),
             ("JAX, jit", "jax_"),
         ] {
             // The hand-written adjoint has one thread in either case.
@@ -97,7 +98,13 @@ fn print_table(table: &Map<String, Value>) {
             };
             let primal = number(format!("{key}primal{suffix}_ms"));
             let primal = primal.map_or("-".to_string(), |ms| format!("{ms:.2}"));
-            let over = own.map_or("-".to_string(), |own| format!("{:.2}", gradient / own));
+            // Another engine was measured between two runs of our own, later than the rest.
+            let beside = number(format!(
+                "peer_over_tape{suffix}_{}",
+                key.trim_end_matches('_')
+            ));
+            let over = beside.or(own.map(|own| gradient / own));
+            let over = over.map_or("-".to_string(), |over| format!("{over:.2}"));
             println!("{engine:<28} {primal:>9} {gradient:>9.2} {over:>14}");
         }
         println!();
@@ -262,20 +269,29 @@ fn against_peers(table: &mut Map<String, Value>, folder: &Path, suffix: &str) {
     for peer in ["drjit", "jax", "torch"] {
         let found = python(&folder.join("kernel.py"), &[peer, &texels, &threads]);
         let after = tape();
-        if let Some(Times { primal, gradient }) = found {
+        let found = found.unwrap_or_default();
+        let eager = found.lines().filter(|line| line.contains("eager"));
+        let forms = [
+            (peer.to_string(), Times::of(found.lines())),
+            (format!("{peer}_eager"), Times::of(eager)),
+        ];
+        for (name, times) in forms {
+            let Some(Times { primal, gradient }) = times else {
+                continue;
+            };
             let ratio = gradient / before.0.min(after.0);
-            put(table, &format!("{peer}_gradient{suffix}_ms"), gradient);
+            put(table, &format!("{name}_gradient{suffix}_ms"), gradient);
             if let Some(primal) = primal {
-                put(table, &format!("{peer}_primal{suffix}_ms"), primal);
+                put(table, &format!("{name}_primal{suffix}_ms"), primal);
             }
-            put(table, &format!("peer_over_tape{suffix}_{peer}"), ratio);
-            put(&mut ratios, peer, ratio);
+            put(table, &format!("peer_over_tape{suffix}_{name}"), ratio);
+            put(&mut ratios, &name, ratio);
         }
         before = after;
     }
-    let found = python(&mlp_script, &[&threads]);
+    let found = python(&mlp_script, &[&threads]).unwrap_or_default();
     let after = tape();
-    if let Some(Times { gradient, .. }) = found {
+    if let Some(Times { gradient, .. }) = Times::of(found.lines()) {
         let ratio = gradient / before.1.min(after.1);
         put(table, &format!("torch_mlp{suffix}_ms"), gradient);
         put(table, &format!("peer_over_tape{suffix}_mlp"), ratio);
@@ -290,29 +306,35 @@ struct Times {
     gradient: f64,
 }
 
-/// The smallest numbers after `primal` and `grad` that a script prints, or nothing if it cannot run.
-fn python(script: &Path, arguments: &[&str]) -> Option<Times> {
+impl Times {
+    /// The smallest numbers after `primal` and `grad`, or nothing if there is no gradient's.
+    fn of<'a>(lines: impl Iterator<Item = &'a str> + Clone) -> Option<Self> {
+        let smallest = |word: &str| {
+            let numbers = lines.clone().filter_map(|line| {
+                let (_, rest) = line.split_once(word)?;
+                rest.split_whitespace().next()?.parse::<f64>().ok()
+            });
+            let smallest = numbers.fold(f64::INFINITY, f64::min);
+            smallest.is_finite().then_some(smallest)
+        };
+        let primal = smallest("primal ");
+        smallest("grad ").map(|gradient| Times { primal, gradient })
+    }
+}
+
+/// What a script prints; nothing, with a message, if it cannot run.
+fn python(script: &Path, arguments: &[&str]) -> Option<String> {
     let interpreter = std::env::var("PYTHON").unwrap_or_else(|_| "python3".to_string());
     let output = Command::new(interpreter)
         .arg(script)
         .args(arguments)
-        .output()
-        .ok()?;
-    let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    let smallest = |word: &str| {
-        let numbers = text.lines().filter_map(|line| {
-            let (_, rest) = line.split_once(word)?;
-            rest.split_whitespace().next()?.parse::<f64>().ok()
-        });
-        let smallest = numbers.fold(f64::INFINITY, f64::min);
-        smallest.is_finite().then_some(smallest)
-    };
-    let primal = smallest("primal ");
-    let times = smallest("grad ").map(|gradient| Times { primal, gradient });
-    if times.is_none() {
+        .output();
+    let text = output.map(|output| String::from_utf8_lossy(&output.stdout).into_owned());
+    let text = text.ok().filter(|text| text.contains("grad "));
+    if text.is_none() {
         eprintln!("{} {}: not measured", script.display(), arguments.join(" "));
     }
-    times
+    text
 }
 
 /// A mixture of 25 components in 10 dimensions, 1,000 points.

@@ -66,6 +66,9 @@
 //! NaN or an infinity in an output began, [`Program::find_non_finite_gradient`] the same of a gradient, and
 //! [`Program::find_singularities`] (strict mode) every place where a derivative was infinite, masked or not.
 //!
+//! Derivatives are those in reverse; forward they are the same, but for `x * y.recip()`: by `y` it is NaN forward, where the zero that
+//! comes in is not seen to be one of `x`. Each row is a test, in both precisions, forward, in reverse and in second derivatives.
+//!
 //! | operation | value | derivative |
 //! | --- | --- | --- |
 //! | `sqrt` at 0; below | 0; NaN | infinite; NaN |
@@ -77,15 +80,22 @@
 //! | `pow` at base 0: exponent below 0; 0; in (0, 1); 1; above | infinite; 1; 0; 0; 0 | by the base minus infinity; 0; infinite; 1; 0, by the exponent 0 |
 //! | `pow` of a negative base: exponent 0; 1; others | 1; NaN; NaN | by the base 0; 1; NaN, by the exponent NaN |
 //! | `powi` at 0: exponent 0; below | 1; infinite | 0; minus infinity |
+//! | `exp` where it overflows; underflows | infinite; 0 | infinite; 0 |
+//! | `ln` of infinity | infinite | 0 |
+//! | `sigmoid` far from 0: below; above | 0; 1 | 0 |
+//! | `softplus` far from 0: below; above | 0; `x` | 0; 1 |
+//! | `sin`, `cos` of infinity | NaN | NaN |
+//! | `x * y` of 0 and infinity | NaN | infinite by the one that is 0, 0 by the other |
 //! | `acos` at -1 and 1; beyond | pi, 0; NaN | minus infinity; NaN |
 //! | `atan2` at (0, 0) | 0 | NaN |
 //! | `normalize` of the zero vector | NaN | infinite |
 //! | `log_sum_exp` of minus infinities alone | NaN | NaN |
 //! | `abs`, `relu` at 0 | 0 | 0 |
-//! | `relu`, `clamp` of NaN | NaN | 0, 1 |
+//! | `abs`, `relu`, `clamp` of NaN | NaN | 0, 0, 1 |
 //! | `clamp` at a bound | the bound | 1 |
 //! | `min`, `max` at a tie | either | all of it to the first operand |
 //! | `min`, `max` of a NaN and a number | the first operand | all of it to the first operand |
+//! | `select` by `lt`, `le` or `gt_scalar` of a NaN; by `!` of that | the second branch; the first | all of it to that branch |
 //!
 //! Mistakes in formulas are returned by [`Graph::compile`], with both operands and the place in the source; mistakes in what
 //! is bound are returned when it is bound.

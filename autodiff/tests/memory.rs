@@ -101,6 +101,7 @@ fn run<S: Scalar>(program: &Program, ws: &mut Workspace<S>, bound: &Bound<S>) {
     program.forward(ws).unwrap();
     program.vjp(ws, "loss").unwrap();
     let direction: [(&str, &[S]); 2] = [("light", &bound.light), ("rows", &bound.rows)];
+    program.jvp(ws, &direction).unwrap();
     program.gauss_newton(ws, "image", &direction, None).unwrap();
     ws.set("light", &bound.light).unwrap();
     ws.set_index("index", &bound.index).unwrap();

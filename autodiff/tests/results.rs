@@ -42,3 +42,30 @@ fn results_are_those_of_what_is_bound_or_an_error() {
         (&[16.0][..], &[8.0][..])
     );
 }
+
+/// One program serves threads that have a workspace each.
+#[test]
+fn threads_share_a_program() {
+    let g = Graph::new();
+    let lane = g.domain("lane");
+    let x = g.param("x", &lane, 1);
+    let program = g.compile(&[("y", &x.exp().square().sum())]).unwrap();
+    let gradient = |lanes: usize| {
+        let mut ws = program
+            .workspace::<f64>(&Sizes::new().lanes("lane", lanes))
+            .unwrap();
+        ws.set("x", &vec![0.5; lanes]).unwrap();
+        // Workspaces move between threads too.
+        std::thread::scope(|scope| {
+            scope.spawn(|| program.vjp(&mut ws, "y").unwrap());
+        });
+        ws.gradient("x").unwrap().to_vec()
+    };
+    let [few, many] = std::thread::scope(|scope| {
+        [3, 5000]
+            .map(|lanes| scope.spawn(move || gradient(lanes)))
+            .map(|thread| thread.join().unwrap())
+    });
+    assert!(few.iter().chain(&many).all(|g| *g == few[0]));
+    assert!((few[0] - 2.0 * 1.0f64.exp()).abs() < 1e-12);
+}
