@@ -20,6 +20,12 @@ use crate::skipped;
 
 /// The variable that names the browser to use.
 pub const VARIABLE: &str = "ECLIPSE_BROWSER";
+/// WebGL in software, so that tests need no graphics card.
+pub const SOFTWARE: [&str; 3] = [
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+];
 const NAMES: [&str; 6] = [
     "chromium",
     "chromium-browser",

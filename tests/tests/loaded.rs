@@ -1,4 +1,5 @@
-//! Exported scenes as the programs they are for render them, where those are installed for Python (`pip install mitsuba bpy`).
+//! Exported scenes as the programs they are for render them, where those are installed: for Python (`pip install mitsuba bpy`), or
+//! for a browser (`npm install three`, whose folder `ECLIPSE_THREE` names).
 
 use std::{
     path::{Path, PathBuf},
@@ -8,12 +9,13 @@ use std::{
 
 use eclipse::{
     export::{Program, export},
-    image_io::read_exr,
+    image_io::{read_exr, srgb_to_linear},
     output,
     reconstruction::Uncertainty,
     report::ReportOptions,
 };
 use eclipse_tests::{
+    browser::{self, Browser, SOFTWARE},
     perfect,
     program::{self, stderr, text},
     skipped,
@@ -52,6 +54,97 @@ fn mitsuba_renders_the_same_picture() {
 fn blender_renders_the_same_picture_however_its_python_hashes() {
     // Its reader of glTF keeps attributes in sets, whose order is another at every start.
     check(Program::Blender, "bpy", BLENDER, &["1", "2", "3"]);
+}
+
+/// The variable that names the folder of the package `three`.
+const THREE: &str = "ECLIPSE_THREE";
+/// Strength of the light on the page of three.js, so that nothing is too bright for a screen.
+const DIM: f32 = 0.4;
+
+#[test]
+fn threejs_shows_the_same_light_and_the_same_object() {
+    let Some(library) = std::env::var_os(THREE) else {
+        skipped(&format!(
+            "{THREE} names no folder of three.js, which `npm install three@0.170` makes in node_modules"
+        ));
+        return;
+    };
+    let Some(program) = browser::installed() else {
+        return;
+    };
+    let (run, ours) = relit();
+    let folder = tempfile::tempdir().unwrap();
+    export(run, Program::ThreeJs, folder.path()).unwrap();
+    let path = folder.path().join("index.html");
+    let page = std::fs::read_to_string(&path).unwrap();
+    let (_, rest) = page.split_once(r#""three": ""#).unwrap();
+    let (online, _) = rest.split_once("build/three.module.js").unwrap();
+    let library = std::fs::canonicalize(library).unwrap();
+    let page = page.replace(online, &format!("file://{}/", library.display()));
+    let show = "renderer.domElement.id = 'canvas'; window.view = { scene, camera }; renderer.setAnimationLoop";
+    std::fs::write(&path, page.replace("renderer.setAnimationLoop", show)).unwrap();
+
+    let flags = [&SOFTWARE[..], &["--allow-file-access-from-files"]].concat();
+    let size = [ours.width, ours.height].map(|side| u32::try_from(side).unwrap());
+    let mut browser = Browser::start(&program, &flags, size);
+    browser.open(&path);
+    browser.wait_for("!!window.view?.scene.background?.image && view.scene.children.length === 1");
+    browser.evaluate(&format!(
+        "view.scene.environmentIntensity = view.scene.backgroundIntensity = {DIM}"
+    ));
+    let theirs = linear(&browser.picture("canvas"));
+    let [ratio, off] = compare(&theirs, ours);
+    println!("three.js: {ratio} as bright, off by {off}");
+    assert!((0.99..1.2).contains(&ratio), "{ratio} as bright");
+    assert!(off < 0.2, "off by {off}");
+
+    // The light itself, where the camera is turned towards it.
+    browser.evaluate("view.scene.children[0].visible = false; view.camera.position.set(0, 0, 0)");
+    for axis in [
+        Vec3::X,
+        Vec3::NEG_X,
+        Vec3::Y,
+        Vec3::NEG_Y,
+        Vec3::new(0.3, 0.2, 0.9),
+        Vec3::new(-0.4, 0.3, -0.8),
+    ] {
+        // y is up there.
+        let [x, y, z] = [axis.x, axis.z, -axis.y];
+        browser.evaluate(&format!("view.camera.lookAt({x}, {y}, {z})"));
+        let seen = linear(&browser.picture("canvas"));
+        let seen = seen.pixel(seen.width / 2, seen.height / 2);
+        let sent = light(axis.normalize());
+        for (seen, sent) in seen.iter().zip(sent) {
+            assert!(
+                (seen - sent).abs() < 0.03 * sent,
+                "{axis}: {seen} of {sent}"
+            );
+        }
+    }
+    assert!(browser.exceptions.is_empty(), "{:?}", browser.exceptions);
+}
+
+/// What a picture of the page shows, were the light as strong as it is.
+fn linear(picture: &image::RgbImage) -> Image {
+    let values = picture.as_raw().iter();
+    Image {
+        width: picture.width() as usize,
+        height: picture.height() as usize,
+        channels: 3,
+        data: values
+            .map(|&value| srgb_to_linear(f32::from(value) / 255.0) / DIM)
+            .collect(),
+    }
+}
+
+/// Smooth uneven light.
+fn light(d: Vec3) -> [f32; 3] {
+    [
+        Vec3::new(1.0, 1.0, 0.3),
+        Vec3::new(0.2, -1.0, 0.5),
+        Vec3::new(-0.3, 0.2, 1.0),
+    ]
+    .map(|axis| 0.2 + 2.0 * d.dot(axis.normalize()).max(0.0).powi(4))
 }
 
 /// Renders our scene by `script`, once a seed of Python's hashes, and compares with `eclipse relight`.
@@ -95,12 +188,7 @@ fn relit() -> &'static (PathBuf, Image) {
         for row in 0..50 {
             for column in 0..100 {
                 let d = grid.texel_direction(row, column);
-                let lobe = |axis: Vec3| 0.2 + 2.0 * d.dot(axis.normalize()).max(0.0).powi(4);
-                let value = [
-                    lobe(Vec3::new(1.0, 1.0, 0.3)),
-                    lobe(Vec3::new(0.2, -1.0, 0.5)),
-                    lobe(Vec3::new(-0.3, 0.2, 1.0)),
-                ];
+                let value = light(d);
                 result
                     .environment
                     .pixel_mut(column, row)

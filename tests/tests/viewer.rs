@@ -12,9 +12,12 @@ use eclipse::{
     report::{ReportOptions, html},
 };
 use eclipse_tests::{
-    browser::{self, Browser},
+    browser::{self, Browser, SOFTWARE},
     perfect,
     scenes::add_sphere,
+};
+use exr::prelude::{
+    Blocks, Compression, Encoding, LineOrder, SpecificChannels, Vec2, WritableImage,
 };
 use glam::{Mat4, Vec3};
 use image::{Rgb, RgbImage, codecs::hdr::HdrEncoder};
@@ -23,11 +26,12 @@ use render::{
     mesh::Mesh,
 };
 
-/// WebGL in software, so that the tests need no graphics card.
-const SOFTWARE: [&str; 3] = [
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
+/// The compressions of OpenEXR that the viewer reads.
+const COMPRESSIONS: [Compression; 4] = [
+    Compression::Uncompressed,
+    Compression::RLE,
+    Compression::ZIP1,
+    Compression::ZIP16,
 ];
 /// Pixels across and down a block that is compared.
 const BLOCK: usize = 8;
@@ -69,6 +73,34 @@ fn radiance_map(path: &Path, colour: impl Fn(Vec3) -> [f32; 3]) -> Image {
         channels: 3,
         data: texels.concat(),
     }
+}
+
+/// Puts lines into the header of a Radiance map.
+fn exposed(path: &Path, lines: &str) {
+    let bytes = fs::read(path).unwrap();
+    let first = bytes.iter().position(|&byte| byte == b'\n').unwrap() + 1;
+    fs::write(
+        path,
+        [&bytes[..first], lines.as_bytes(), &bytes[first..]].concat(),
+    )
+    .unwrap();
+}
+
+/// Writes an OpenEXR map of 64 × 32 by the `exr` crate.
+fn purple(path: &Path, compression: Compression, texel: impl Fn(usize, usize) -> [f32; 3] + Sync) {
+    let encoding = Encoding {
+        compression,
+        blocks: Blocks::ScanLines,
+        line_order: LineOrder::Increasing,
+    };
+    let channels = SpecificChannels::rgb(|at: Vec2<usize>| {
+        let [r, g, b] = texel(at.x(), at.y());
+        (r, g, b)
+    });
+    exr::image::Image::from_encoded_channels((64, 32), encoding, channels)
+        .write()
+        .to_file(path)
+        .unwrap();
 }
 
 /// The share of pixels that differ visibly.
@@ -148,6 +180,37 @@ fn the_object_turns_and_its_light_is_exposed_turned_chosen_and_dropped() {
     let middle = reddened.get_pixel(reddened.width() / 2, reddened.height() / 2);
     assert!(middle[0] > 40 && middle[1] < 5, "{middle:?}");
 
+    // The same light, multiplied as the header says.
+    let brighter = folder.path().join("brighter.hdr");
+    radiance_map(&brighter, |_| [0.8, 0.0, 0.0]);
+    browser.choose_file("viewer-file", &green);
+    browser.wait_for(&format!("{MESSAGE} === 'Under green.hdr, 64 × 32.'"));
+    exposed(&brighter, "EXPOSURE=2\nCOLORCORR=2 1 1\n");
+    browser.drop_file("viewer-drop", &brighter);
+    browser.wait_for(&format!("{MESSAGE} === 'Under brighter.hdr, 64 × 32.'"));
+    assert!(changed(&reddened, &browser.picture("viewer-canvas")) < 0.001);
+
+    // OpenEXR as other programs write it, in each compression that is read.
+    for (k, compression) in COMPRESSIONS.into_iter().enumerate() {
+        let name = format!("purple{k}.exr");
+        let path = folder.path().join(&name);
+        let texel = [0.3f32, 0.0, 0.3];
+        // Uneven, so that there is something to compress.
+        purple(&path, compression, |x, y| {
+            texel.map(|v| v * (1.0 + 0.01 * ((x + y) % 7) as f32))
+        });
+        browser.drop_file("viewer-drop", &path);
+        browser.wait_for(&format!("{MESSAGE} === 'Under {name}, 64 × 32.'"));
+        let shown = browser.picture("viewer-canvas");
+        let middle = shown.get_pixel(shown.width() / 2, shown.height() / 2);
+        assert!(
+            middle[0] > 40 && middle[1] < 5 && middle[2] > 40,
+            "{compression:?}: {middle:?}"
+        );
+        browser.drop_file("viewer-drop", &red);
+        browser.wait_for(&format!("{MESSAGE} === 'Under red.hdr, 64 × 32.'"));
+    }
+
     // OpenEXR as eclipse writes it, of half floats and of full ones, with an opacity that says nothing of light.
     let blue = folder.path().join("blue.exr");
     let texels = [0.0, 0.0, 0.5, 0.25].repeat(64 * 32);
@@ -183,7 +246,10 @@ fn the_object_turns_and_its_light_is_exposed_turned_chosen_and_dropped() {
 
     // What cannot be read is said, and changes nothing.
     let whole = fs::read(&red).unwrap();
+    exposed(&brighter, "EXPOSURE=0\n");
+    let dark = fs::read(&brighter).unwrap();
     for (name, bytes, word) in [
+        ("dark.hdr", &dark[..], "EXPOSURE=0"),
         ("short.hdr", &whole[..whole.len() / 2], "cannot be used"),
         ("short.exr", &deep[..deep.len() / 2], "cannot be used"),
         ("other.exr", &damaged, "damaged"),

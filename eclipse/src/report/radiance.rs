@@ -8,7 +8,7 @@ use render::image::Image;
 use crate::{files::atomic, image_io::ImageIoError};
 
 /// The file in a run's folder.
-pub const NAME: &str = "environment.hdr";
+pub use crate::layout::RADIANCE as NAME;
 /// The range of what is written: beyond it an exponent does not fit into a byte, and what is darker is black.
 const RANGE: [f32; 2] = [1e-38, 1e38];
 

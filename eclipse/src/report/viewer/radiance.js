@@ -15,7 +15,9 @@ function readRadiance(buffer) {
   if (bytes[0] !== 35 || bytes[1] !== 63) {
     throw new Error("it is neither an OpenEXR picture nor a Radiance picture, which begins with #?RADIANCE");
   }
-  for (let text = line(); text !== ""; text = line()) {
+  const factors = [1, 1, 1];
+  for (let text = line(); text.trim() !== ""; text = line()) {
+    multiply(factors, text);
     if (text.startsWith("FORMAT=") && text.trim() !== "FORMAT=32-bit_rle_rgbe") {
       throw new Error(`its ${text.trim()} is not 32-bit_rle_rgbe`);
     }
@@ -37,10 +39,23 @@ function readRadiance(buffer) {
     for (let x = 0; x < width; x++) {
       const exponent = row[4 * x + 3];
       const scale = exponent === 0 ? 0 : 2 ** (exponent - 136);
-      for (let c = 0; c < 3; c++) data[3 * (y * width + x) + c] = row[4 * x + c] * scale;
+      for (let c = 0; c < 3; c++) data[3 * (y * width + x) + c] = row[4 * x + c] * scale / factors[c];
     }
   }
   return { width, height, data };
+}
+
+/// Multiplies by what a line of the header says the values were multiplied with.
+function multiply(factors, line) {
+  const [, name, value] = /^\s*(EXPOSURE|COLORCORR)\s*=(.*)$/.exec(line) ?? [];
+  if (!name) return;
+  const numbers = value.trim().split(/\s+/).map(Number);
+  for (let c = 0; c < 3; c++) {
+    factors[c] *= numbers[name === "EXPOSURE" ? 0 : c];
+    if (!(factors[c] > 0 && factors[c] < Infinity)) {
+      throw new Error(`its header says "${line.trim()}", by which no light can have been multiplied`);
+    }
+  }
 }
 
 const ENDS = "it ends within a row";
