@@ -265,7 +265,7 @@ impl Curve {
                     self.limits.iter().map(|(_, limit)| limit[which]).collect()
                 };
                 format!(
-                    "; the best linear estimate leaves {} of light's variation there with somebody at a known place, {} with nobody",
+                    "; the best linear estimate leaves {} of light's variation (RMS) there with somebody at a known place, {} with nobody",
                     listed(&of(0)),
                     listed(&of(1))
                 )
@@ -477,12 +477,14 @@ mod tests {
         };
         let told = limited.sentence();
         assert!(
-            told.contains(
-                "leaves 0.9 of light's variation there with somebody at a known place, 1 with"
-            ),
+            told.contains("leaves 0.9 of light's variation (RMS) there with somebody"),
             "{told}"
         );
-        assert!(in_short(&[limited], &[]).contains("leaves 0.9"));
+        let short = in_short(&[limited], &[]);
+        assert!(
+            short.contains("does not lower its error") && !short.contains("leaves"),
+            "{short}"
+        );
     }
 
     #[test]

@@ -76,10 +76,13 @@ pub(super) fn in_short(curves: &[Curve], trends: &[Trend]) -> String {
     if !others.is_empty() {
         let with_values = |curve: &&Curve| {
             let values = listed(&curve.helpless());
-            format!("{} (at {values}{})", curve.sweep.label, curve.why())
+            format!("{} (at {values})", curve.sweep.label)
         };
         let labels: Vec<String> = others.iter().map(with_values).collect();
-        parts.push(format!("not in every seed over {}", labels.join(", ")));
+        parts.push(format!(
+            "somebody in the light does not lower its error in every seed over {}",
+            labels.join(", ")
+        ));
     }
     let trends = trends.iter().map(|trend| {
         let word = if trend.held { "held" } else { "not held" };
