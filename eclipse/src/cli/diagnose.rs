@@ -25,7 +25,7 @@ use super::{
 use crate::{
     capture::{Capture, LoadOptions},
     control::Control,
-    criticism::{self, DiagnoseError, Diagnosis, Options, Simulation, page},
+    criticism::{self, DiagnoseError, Diagnosis, Options, Simulation, page, silhouette},
     joint, layout,
     progress::{ProgressDisplay, Style},
     reconstruction::{Ended, Reconstruction},
@@ -168,6 +168,15 @@ pub(super) fn diagnose(
     let capture = Capture::load(job.capture, &job.reading).map_err(Failure::bad_input)?;
     // Before anybody waits for a reconstruction.
     criticism::chosen(job.effects, criticism::light_of(&capture)).map_err(refused)?;
+    if let Some(out) = job.out.filter(|out| silhouette::is_foreign(out)) {
+        return Err(Failure {
+            outcome: Outcome::Usage,
+            message: format!(
+                "{} is there already and of no diagnosis, which would replace it; name another folder with --out",
+                out.join(silhouette::FILE).display()
+            ),
+        });
+    }
     let _lock = job.out.map(taken).transpose()?;
     let report = shown::tell(job.style);
     let pool = rayon::ThreadPoolBuilder::new()

@@ -111,6 +111,7 @@ pub fn diagnose<'a>(
     }
 
     let mut rounds: Vec<Round> = Vec::new();
+    let mut ended_by_time = false;
     let mut ranking = Vec::new();
     let mut refits: Vec<Refitted> = Vec::new();
     let mut behind = BTreeMap::new();
@@ -153,11 +154,12 @@ pub fn diagnose<'a>(
         // A round that could not end in time is not begun.
         let until = began.elapsed().as_secs_f64() + longest;
         let late = options.time_limit.is_some_and(|limit| until > limit);
-        if rounds.len() >= MOST_EFFECTS || (late && !rounds.is_empty()) {
+        let contenders = compete::contenders(&result);
+        if rounds.len() >= MOST_EFFECTS || contenders.is_empty() {
             break;
         }
-        let contenders = compete::contenders(&result);
-        if contenders.is_empty() {
+        if late && !rounds.is_empty() {
+            ended_by_time = true;
             break;
         }
         let refitted = Instant::now();
@@ -260,7 +262,7 @@ pub fn diagnose<'a>(
         baselines: behind,
         moved,
         command: None,
-        assumptions: assumptions(capture, light, &study),
+        assumptions: assumptions(capture, light, &study, ended_by_time),
         structured: structured.map(Structured::all),
         background: structured.map(|s| s.background),
         structured_sealed: structured_sealed.map(|(before, after)| [before, after]),

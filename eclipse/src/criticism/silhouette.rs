@@ -114,12 +114,16 @@ impl Silhouettes {
 /// # Errors
 /// A file that cannot be removed.
 pub fn remove(folder: &Path) -> io::Result<()> {
-    let (file, diagnosis) = (folder.join(FILE), folder.join("diagnosis.json"));
-    // Where nothing was diagnosed yet, a file of this name is somebody else's.
-    if file.is_file() && diagnosis.is_file() {
+    let file = folder.join(FILE);
+    if file.is_file() && !is_foreign(folder) {
         std::fs::remove_file(file)?;
     }
     Ok(())
+}
+
+/// Whether [`FILE`] is there and somebody else's: nothing was diagnosed in the folder yet.
+pub fn is_foreign(folder: &Path) -> bool {
+    folder.join(FILE).exists() && !folder.join("diagnosis.json").is_file()
 }
 
 /// The share of light that passes all `parts` in a frame.

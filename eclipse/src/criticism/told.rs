@@ -124,8 +124,19 @@ pub fn shared_exponent(found: &[Finding]) -> Option<String> {
 }
 
 /// What was taken for granted.
-pub fn assumptions(capture: &Capture, light: Light, study: &Study<'_>) -> Vec<String> {
+pub fn assumptions(
+    capture: &Capture,
+    light: Light,
+    study: &Study<'_>,
+    ended_by_time: bool,
+) -> Vec<String> {
     let mut all = Vec::new();
+    if ended_by_time {
+        all.push(
+            "The time limit ended the search while effects were left to compare: more may be missing than what is said; give a longer \
+             --time-limit.".into(),
+        );
+    }
     if light == Light::Lamps {
         all.push("One distant lamp a frame, with the direction and the strength that the capture says, and no other light.".into());
         let ball = capture.lamps.as_ref().is_some_and(|lamps| lamps.ball);

@@ -34,9 +34,11 @@ pub fn estimate(frames: &[Frame]) -> Noise {
         .filter(|chunk| chunk.len() >= LEAST)
         .map(Level::new)
         .collect();
-    let typical = levels
-        .get(levels.len() / 2)
-        .map_or(1.0, |level| level.brightness);
+    // Of photographs that are black for the most part, their mean: noise of 0 would make every pixel infinitely sure.
+    let middle = levels.get(levels.len() / 2).map(|level| level.brightness);
+    let mean = levels.iter().map(|level| level.brightness).sum::<f64>() / levels.len() as f64;
+    let mut bright = [middle, Some(mean)].into_iter().flatten();
+    let typical = bright.find(|level| *level > 0.0).unwrap_or(1.0);
     fit(&levels).map_or(
         Noise {
             read: FLOOR * typical,
@@ -233,6 +235,22 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn black_is_not_known_infinitely_well() {
+        let none = Noise {
+            read: 0.0,
+            shot: 0.0,
+            relative: 0.0,
+        };
+        let mut frame = photograph(&none, false, 1);
+        for (p, pixel) in frame.image.data.chunks_exact_mut(3).enumerate() {
+            if p % 160 < 140 {
+                pixel.fill(0.0);
+            }
+        }
+        assert!(estimate(&[frame]).sigma(0.0) > 1e-6);
     }
 
     #[test]
