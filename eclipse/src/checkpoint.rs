@@ -8,7 +8,7 @@ mod store;
 
 use std::{collections::BTreeMap, path::PathBuf};
 
-use crate::{reconstruction::CurvePoint, settings::Settings, wording::amount};
+use crate::{output, reconstruction::CurvePoint, settings::Settings, wording::amount};
 
 pub use codec::{decode, encode};
 pub use store::{fingerprint, is_in, load, save};
@@ -149,11 +149,19 @@ fn mismatch(name: &str, kind: &str, length: usize, found: Option<&Array>) -> Che
     }
 }
 
+/// What to do where one could not be written: the last one is whole.
+fn hint(action: &str, error: &std::io::Error) -> String {
+    match action {
+        "write" => format!("; {}", output::remedy(error)),
+        _ => String::new(),
+    }
+}
+
 /// Why a checkpoint could not be written, read or used.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
     /// The file system refused.
-    #[error("cannot {action} the checkpoint {}: {source}", path.display())]
+    #[error("cannot {action} the checkpoint {}: {source}{}", path.display(), hint(action, source))]
     Io {
         /// `read` or `write`.
         action: &'static str,

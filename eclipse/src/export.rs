@@ -149,6 +149,11 @@ pub fn export(folder: &Path, program: Program, out: &Path) -> Result<(), ExportE
         return Err(ExportError::Occupied { path: out.into() });
     }
     let _lock = Lock::acquire(out)?;
+    // Another program's scene would find this one's light, turned: it goes.
+    let others = Program::ALL.into_iter().filter(|other| *other != program);
+    for name in others.map(Program::scene).chain([mitsuba::MESH]) {
+        remove(&out.join(name))?;
+    }
     write(&out.join(NOTES), notes(program, &object).as_bytes())?;
     let mut options = ExrOptions::default();
     let convention = program.convention();
@@ -209,6 +214,15 @@ fn notes(program: Program, object: &Object) -> String {
         );
     }
     text
+}
+
+fn remove(path: &Path) -> Result<(), ExportError> {
+    match std::fs::remove_file(path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            Err(ExportError::write(path, error))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), ExportError> {

@@ -56,8 +56,10 @@ pub fn claim(path: &Path, marker: &str) -> io::Result<bool> {
         return Ok(true);
     }
     for entry in fs::read_dir(path)? {
+        let name = entry?.file_name();
         // A run that is about to begin, or was killed then, has left no more than this.
-        if entry?.file_name() != lock::NAME {
+        let is_ours = name == lock::NAME || name.to_string_lossy().starts_with(atomic::PREFIX);
+        if !is_ours {
             return Ok(false);
         }
     }

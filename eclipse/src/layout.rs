@@ -2,6 +2,10 @@
 
 /// The environment map.
 pub const ENVIRONMENT: &str = "environment.exr";
+/// The same for viewers of Radiance files.
+pub const RADIANCE: &str = "environment.hdr";
+/// The material network that a run of the paper preset leaves.
+pub const NETWORK: &str = "materials.safetensors";
 /// The folder of the occluders' masks, one image a frame.
 pub const OCCLUDERS: &str = "occluders";
 /// Standard deviations of the environment map.

@@ -18,15 +18,12 @@ use crate::{
     image_io::{ExrOptions, ImageIoError, Precision, write_exr_with},
     layout::{
         ALBEDO_SD, CONVENTION, ENVIRONMENT, ENVIRONMENT_SD, MATERIAL_CHANNELS, MATERIALS, MESH,
-        METRICS, OCCLUDERS, OCCLUDERS_SD, RENDERS, REPORT, SETTINGS, numbered,
+        METRICS, NETWORK, OCCLUDERS, OCCLUDERS_SD, RENDERS, REPORT, SETTINGS, numbered,
     },
     mesh_io::MeshIoError,
     reconstruction::{Reconstruction, Uncertainty},
     report::{self, ReportOptions},
 };
-
-/// The material network that a run of the paper preset leaves.
-const NETWORK: &str = "materials.safetensors";
 
 /// Writes everything a run leaves to `folder`; the report comes last, and that of an earlier run goes before its files are mixed with
 /// others, so that it is there when all else is.
@@ -211,7 +208,7 @@ pub enum OutputError {
 }
 
 /// What to do about a write that failed.
-fn remedy(error: &io::Error) -> &'static str {
+pub(crate) fn remedy(error: &io::Error) -> &'static str {
     match error.kind() {
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
             "free some space, then continue with --resume"

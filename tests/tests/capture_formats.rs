@@ -315,6 +315,12 @@ fn names_and_numbers_of_images_that_no_model_has() {
         found.contains("images.txt: line 1 has the NAME \"\\u{1b}[2J.png\", with control"),
         "{found}"
     );
+    // Without lines for observations every second image would be taken for one.
+    let found = message("1 1 0 0 0 0 0 0 1 a.png\n2 1 0 0 0 0 0 0 1 b.png\n");
+    assert!(
+        found.contains("images.txt: line 2 holds no observations") && found.contains("two lines"),
+        "{found}"
+    );
     let found = message(&"1 1 0 0 0 0 0 0 1 a.png\n\n".repeat(100_001));
     assert!(
         found.contains("holds 100001 images; at most 100000 are read"),

@@ -146,6 +146,15 @@ fn exposures_of_radiance_files_are_undone() {
     };
     let read = with(b"EXPOSURE=4\nEXPOSURE=0.5\nCOLORCORR=1 0.5 2\n").unwrap();
     assert_eq!(read.data, [0.25, 0.25, 0.25]);
+    // Some programs begin such files otherwise.
+    let other = [&b"#?RGBE\nEXPOSURE=2\n"[..], &bytes[line..]].concat();
+    assert_eq!(
+        decode_image(&other, &path, None).unwrap().data,
+        [0.25, 0.125, 0.5]
+    );
+    std::fs::write(&path, &other).unwrap();
+    let size = read_size(&path).unwrap();
+    assert_eq!([size.width, size.height], [1, 1]);
     let message = with(b"EXPOSURE=0\n").unwrap_err().to_string();
     assert!(
         message.contains("a.hdr") && message.contains("EXPOSURE=0"),

@@ -243,6 +243,39 @@ fn a_mask_may_number_what_it_shows() {
 }
 
 #[test]
+fn a_mask_may_be_grey_and_serve_all_frames() {
+    let (folder, capture, mut json) = written(Vec3::ZERO);
+    let mut mask = capture.frames[0].mask.clone();
+    for value in &mut mask.data {
+        *value = if *value > 0.5 { 128.0 / 255.0 } else { 0.0 };
+    }
+    write_png8(&folder.path().join("capture/mask.png"), &mask).unwrap();
+    json["mask_path"] = json!("mask.png");
+    json["frames"][2]["mask_path"] = json!("own.png");
+    write_png8(
+        &folder.path().join("capture/own.png"),
+        &capture.frames[2].mask,
+    )
+    .unwrap();
+    save(&folder, &json);
+    let options = LoadOptions {
+        min_overlap: 0.0,
+        ..LoadOptions::default()
+    };
+    let loaded = Capture::load(&folder.path().join("capture"), &options).unwrap();
+    let whole = |mask: &Image| mask.data.iter().map(|m| m.ceil()).collect::<Vec<f32>>();
+    for (index, frame) in loaded.frames.iter().enumerate() {
+        let own = if index == 2 {
+            &capture.frames[2].mask
+        } else {
+            &mask
+        };
+        assert_eq!(whole(&frame.mask), whole(own), "{index}");
+        assert!(frame.mask.data.contains(&1.0), "{index}");
+    }
+}
+
+#[test]
 fn the_color_encoding_can_be_stated() {
     let (folder, _, mut json) = written(Vec3::ZERO);
     json["color_encoding"] = json!("srgb");

@@ -288,6 +288,20 @@ fn a_result_is_never_written_over() {
     );
     assert_eq!(fs::read(run.join("environment.exr")).unwrap(), before);
 
+    // Another program's export takes the place of all of the first: its scene would find light that is turned.
+    let out = folder.path().join("out");
+    export(run, Program::Mitsuba, &out).unwrap();
+    export(run, Program::Blender, &out).unwrap();
+    let mut names: Vec<_> = fs::read_dir(&out)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    assert_eq!(
+        names,
+        ["environment.exr", "export.txt", "mesh.glb", "scene.py"]
+    );
+
     let output = eclipse(&["export", text(run), "--for", "maya"]);
     assert_eq!(output.status.code(), Some(2));
     assert!(stderr(&output).contains("use one of blender, mitsuba, threejs"));

@@ -154,7 +154,7 @@ fn load_frame(
     ];
     check_size(&name, &path, size, "`w` and `h` say", wanted)?;
     let camera = camera(at, transforms.projection(), &intrinsics, size, pose)?;
-    let (mask, mask_path) = match &entry.mask_path {
+    let (mask, mask_path) = match entry.mask_path.as_ref().or(transforms.mask_path.as_ref()) {
         Some(mask_path) => {
             let mask_path = folder.image(at, "mask_path", mask_path)?;
             // Masks are coverage, not light: no curve applies.
@@ -172,6 +172,7 @@ fn load_frame(
         None if image.channels.is_multiple_of(2) => (masks::of_alpha(&image), path.clone()),
         None => return Err(CaptureError::NoMask { frame: name, path }),
     };
+    let mask = masks::whitened(mask);
     // Alpha that is not finite says neither.
     let may_show = |pixel: usize| mask.data[pixel].is_nan() || mask.data[pixel] > 0.0;
     refuse_not_finite(&name, &path, &image, may_show)?;

@@ -46,6 +46,8 @@ pub struct Transforms {
     /// Intrinsics shared by the frames that do not have their own.
     #[serde(flatten)]
     pub intrinsics: Intrinsics,
+    /// The mask of the frames that do not have their own, as of an object on a turntable that fills the same pixels.
+    pub mask_path: Option<String>,
     /// How colours are stored, where it differs from the file type's habit. A field of ours.
     pub color_encoding: Option<ColorEncoding>,
     /// Rows of the camera-to-world matrix of the frames that do not have their own.
@@ -294,12 +296,16 @@ impl Transforms {
                 return Err(at.field(field, problem.to_owned()));
             }
         }
-        match bad(&self.ply_file_path) {
-            true => Err(CaptureError::Json {
+        let shared = [
+            ("mask_path", &self.mask_path),
+            ("ply_file_path", &self.ply_file_path),
+        ];
+        match shared.into_iter().find(|(_, name)| bad(name)) {
+            Some((field, _)) => Err(CaptureError::Json {
                 path: path.into(),
-                reason: format!("`ply_file_path` {problem}"),
+                reason: format!("`{field}` {problem}"),
             }),
-            false => Ok(()),
+            None => Ok(()),
         }
     }
 

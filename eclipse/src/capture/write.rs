@@ -1,6 +1,10 @@
 //! Writing a capture: `transforms.json`, one half-float RGBA EXR a frame, `mesh.glb`.
 
-use std::{fs, io, path::Path};
+use std::{
+    fs,
+    io::{self, Write},
+    path::Path,
+};
 
 use render::{
     camera::{Camera, Projection},
@@ -53,7 +57,8 @@ pub fn write_with<E: From<CaptureError>>(
     )
     .map_err(CaptureError::from)?;
     let transforms = format!("{:#}\n", transforms(capture));
-    fs::write(staging.path().join("transforms.json"), transforms).map_err(fail)?;
+    let path_of_it = staging.path().join("transforms.json");
+    atomic::write(&path_of_it, |file| file.write_all(transforms.as_bytes())).map_err(fail)?;
     extra(staging.path())?;
     if path.exists() {
         fs::remove_dir(path).map_err(fail)?;

@@ -2,8 +2,20 @@
 
 use render::image::Image;
 
-/// The first bytes of every Radiance file that is read.
-pub(super) const MAGIC: &[u8] = b"#?RADIANCE";
+/// The first bytes of a Radiance file.
+const MAGIC: &[u8] = b"#?RADIANCE";
+/// What some programs begin it with instead.
+const OTHER_MAGIC: &[u8] = b"#?RGBE";
+
+/// Whether bytes are the first ones of a Radiance file.
+pub(super) fn begins(bytes: &[u8]) -> bool {
+    bytes.starts_with(MAGIC) || is_other(bytes)
+}
+
+/// Whether they are of one whose first line the decoder does not know.
+pub(super) fn is_other(bytes: &[u8]) -> bool {
+    bytes.starts_with(OTHER_MAGIC)
+}
 
 /// Divides by all that the header of the file `bytes` says its values were multiplied with: `EXPOSURE` and `COLORCORR`, each as often
 /// as it is there.

@@ -6,8 +6,8 @@ use std::{
 };
 
 use image::{
-    DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageReader, Limits,
-    codecs::png::PngEncoder,
+    DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, ImageReader, Limits,
+    codecs::{hdr::HdrDecoder, png::PngEncoder},
 };
 use render::image::Image;
 
@@ -41,7 +41,7 @@ pub fn decode_raster(
         _ => ColorEncoding::Srgb,
     };
     let mut image = floats(decoded);
-    if bytes.starts_with(radiance::MAGIC) {
+    if radiance::begins(bytes) {
         radiance::undo(&mut image, bytes).map_err(damaged)?;
     }
     if encoding.unwrap_or(default) == ColorEncoding::Srgb {
@@ -65,22 +65,25 @@ pub(super) fn orientation(bytes: &[u8], path: &Path) -> Option<u8> {
 fn checked_decoder<'a>(
     mut source: impl BufRead + Seek + 'a,
     path: &Path,
-) -> Result<(impl ImageDecoder + 'a, ImageSize), ImageIoError> {
+) -> Result<(Box<dyn ImageDecoder + 'a>, ImageSize), ImageIoError> {
     let fail = |reason: String| ImageIoError::Decode {
         path: path.into(),
         reason,
     };
     let head = source.fill_buf().map_err(|error| fail(error.to_string()))?;
     check_png(head, path)?;
-    let mut reader = ImageReader::new(source)
-        .with_guessed_format()
-        .map_err(|error| fail(error.to_string()))?;
-    let mut limits = Limits::default();
-    limits.max_alloc = Some(MAX_METADATA);
-    reader.limits(limits);
-    let decoder = reader
-        .into_decoder()
-        .map_err(|error| fail(error.to_string()))?;
+    let damaged = |error: ImageError| fail(error.to_string());
+    let decoder: Box<dyn ImageDecoder + 'a> = if radiance::is_other(head) {
+        Box::new(HdrDecoder::new_nonstrict(source).map_err(damaged)?)
+    } else {
+        let mut reader = ImageReader::new(source)
+            .with_guessed_format()
+            .map_err(|error| fail(error.to_string()))?;
+        let mut limits = Limits::default();
+        limits.max_alloc = Some(MAX_METADATA);
+        reader.limits(limits);
+        Box::new(reader.into_decoder().map_err(damaged)?)
+    };
     let (width, height) = decoder.dimensions();
     let (width, height) = (width as usize, height as usize);
     let channels = decoder.color_type().channel_count().into();

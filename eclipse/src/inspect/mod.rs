@@ -26,7 +26,7 @@ use crate::{
         mask_overlap,
     },
     mesh_io::looks_of,
-    reconstruct,
+    reconstruct::{self, ReconstructError, paper::batch::COVERED},
     settings::Settings,
 };
 
@@ -215,7 +215,9 @@ pub fn inspect(
         }
         Err(error) => return Err(error),
     };
-    let problem = problem.or_else(|| too_large(&capture, settings));
+    let problem = problem
+        .or_else(|| too_large(&capture, settings))
+        .or_else(|| nothing_to_fit(&capture));
     let inspection = of_capture(&capture, &source, up, settings, problem);
     Ok((inspection, capture))
 }
@@ -228,6 +230,13 @@ fn too_large(capture: &Capture, settings: &Settings) -> Option<String> {
         Some(_) => Ok(()),
     };
     checked.err().map(|error| error.to_string())
+}
+
+/// Why a run would find no pixel that it can use, where it would: --max-size may leave none that shows the object alone.
+fn nothing_to_fit(capture: &Capture) -> Option<String> {
+    let whole = |frame: &Frame| frame.mask.data.iter().any(|&mask| mask > COVERED);
+    let error = ReconstructError::NothingToFit;
+    (!capture.frames.iter().any(whole)).then(|| error.to_string())
 }
 
 fn of_capture(

@@ -24,10 +24,9 @@ fn read(folder: &Folder) -> Option<Result<Source, CaptureError>> {
         folder.check_own(&path)?;
         let mut transforms = read_transforms(&path)?;
         for frame in &mut transforms.frames {
-            let mask = mask_path(&frame.file_path);
-            if frame.mask_path.is_none() && folder.has_image(&mask) {
-                frame.mask_path = Some(mask);
-            }
+            // One that is not there is an oversight: the error names the file.
+            let mask = || mask_path(&frame.file_path);
+            frame.mask_path = frame.mask_path.take().or_else(|| Some(mask()));
         }
         Ok(Source {
             left_out: frames_of(folder, ["transforms_test.json", "transforms_novel.json"])?,

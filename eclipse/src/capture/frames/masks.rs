@@ -4,6 +4,10 @@ use render::image::Image;
 
 /// The highest number of a label that is taken for one, where a mask has nothing brighter.
 const LAST_LABEL: f32 = 8.0;
+/// Coverage of a pixel that shows the object and nothing else.
+const WHOLE: f32 = 0.999;
+/// What most of the object has at least in a mask whose inside is uneven, as matting leaves it.
+const NEARLY_WHOLE: f32 = 0.95;
 /// Steps from black to white in files of 8 and of 16 bits.
 const STEPS: [f32; 2] = [255.0, 65535.0];
 
@@ -53,6 +57,31 @@ pub(super) fn of_file(image: &Image) -> Image {
         data,
         ..*image
     }
+}
+
+/// A mask whose object is not quite white, in white: pixels that show it alone are what a run uses.
+///
+/// Where nothing is white, the brightest is; where most of the object is within a twentieth of it, as in mattes, that is. All else
+/// says how much of a pixel shows the object, and stays.
+pub(super) fn whitened(mut mask: Image) -> Image {
+    let mut inside: Vec<f32> = mask.data.iter().copied().filter(|m| *m > 0.5).collect();
+    inside.sort_unstable_by(f32::total_cmp);
+    let [Some(&middle), Some(&brightest)] = [inside.get(inside.len() / 2), inside.last()] else {
+        return mask;
+    };
+    let white = match brightest {
+        brightest if brightest <= WHOLE => brightest,
+        _ if (NEARLY_WHOLE..=WHOLE).contains(&middle) => middle,
+        _ => return mask,
+    };
+    for value in &mut mask.data {
+        *value /= white;
+        // Not `min`, by which what is not finite would be white.
+        if *value > 1.0 {
+            *value = 1.0;
+        }
+    }
+    mask
 }
 
 /// The brightest coverage of a mask of which nothing counts as the object, as its file has it: `40 of 255`; nothing for a black one.
@@ -121,6 +150,33 @@ mod tests {
         );
         assert_eq!(told(&[0.0, 9.0 / 65535.0]).unwrap(), "9 of 65535");
         assert_eq!(told(&[0.0, 0.123_456]).unwrap(), "0.123 of 1");
+    }
+
+    #[test]
+    fn a_mask_that_is_not_quite_white_is_whitened() {
+        let of = |values: &[f32]| {
+            whitened(Image {
+                width: values.len(),
+                height: 1,
+                channels: 1,
+                data: values.to_vec(),
+            })
+            .data
+        };
+        let grey = 128.0 / 255.0;
+        assert_eq!(of(&[0.0, 0.25 * grey, grey, grey]), [0.0, 0.25, 1.0, 1.0]);
+        // A matte: uneven inside, its brightest pixel white.
+        assert_eq!(of(&[0.0, 0.98, 0.98, 0.99, 1.0])[1..], [1.0; 4]);
+        // Thin things cover no pixel wholly but one, and empty masks are told elsewhere.
+        for kept in [
+            vec![0.6, 0.7, 0.8, 1.0],
+            vec![0.2, 0.4],
+            vec![0.0, 1.0, 1.0, 0.98],
+        ] {
+            assert_eq!(of(&kept), kept);
+        }
+        // Alpha that is not finite stays so.
+        assert!(of(&[f32::NAN, 0.9])[0].is_nan());
     }
 
     #[test]

@@ -9,11 +9,15 @@ use crate::{
 };
 
 /// Files and folders that a run writes, or replaces.
-const WRITTEN: [&str; 9] = [
+const WRITTEN: [&str; 13] = [
     layout::ENVIRONMENT,
     layout::ENVIRONMENT_SD,
+    layout::RADIANCE,
     layout::OCCLUDERS,
+    layout::OCCLUDERS_SD,
+    layout::ALBEDO_SD,
     layout::MATERIALS,
+    layout::NETWORK,
     layout::RENDERS,
     layout::METRICS,
     layout::SETTINGS,

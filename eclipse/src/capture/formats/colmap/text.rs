@@ -54,7 +54,13 @@ pub(super) fn images(bytes: &[u8]) -> Result<Vec<ModelImage>, Problem> {
             translation: [tx, ty, tz],
         });
         // The image's observations, on a line of their own that may be empty.
-        lines.next();
+        if let Some(line) = lines.next().filter(|line| !line.is_observations()) {
+            return Err(Problem::new(
+                line.place,
+                "holds no observations of the image before it (X, Y and POINT3D_ID of each, or nothing at all); give every image \
+                 two lines, of which the second may be empty",
+            ));
+        }
     }
     Ok(images)
 }
@@ -81,6 +87,14 @@ struct Line<'a> {
 impl<'a> Line<'a> {
     fn is_comment(&self) -> bool {
         self.rest.is_empty() || self.rest.starts_with('#')
+    }
+
+    /// Whether it could hold observations: numbers by threes. An image's own line ends with a name.
+    fn is_observations(&self) -> bool {
+        let mut count = 0;
+        let mut words = self.rest.split_whitespace().inspect(|_| count += 1);
+        let are_numbers = words.all(|word| word.parse::<f64>().is_ok());
+        are_numbers && count % 3 == 0
     }
 
     fn word(&mut self, field: &str) -> Result<&'a str, Problem> {
