@@ -296,8 +296,7 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Result<Evidence, StudyError> {
             .collect();
         if !misled.is_empty() {
             details.push(format!(
-                "Modelling somebody where nobody is makes the light worse in every seed on {}: it is not known beforehand whether anybody is \
-                 there.",
+                "Where nobody is in the light, to look for somebody takes time, or finds one: with it the light is worse in every seed on {}.",
                 misled.join(", ")
             ));
         }
