@@ -8,7 +8,7 @@ mod store;
 
 use std::{collections::BTreeMap, path::PathBuf};
 
-use crate::{output, reconstruction::CurvePoint, settings::Settings, wording::amount};
+use crate::{files::remedy, reconstruction::CurvePoint, settings::Settings, wording::amount};
 
 pub use codec::{decode, encode};
 pub use store::{fingerprint, is_in, load, save};
@@ -152,7 +152,7 @@ fn mismatch(name: &str, kind: &str, length: usize, found: Option<&Array>) -> Che
 /// What to do where one could not be written: the last one is whole.
 fn hint(action: &str, error: &std::io::Error) -> String {
     match action {
-        "write" => format!("; {}", output::remedy(error)),
+        "write" => format!("; {}", remedy(error)),
         _ => String::new(),
     }
 }

@@ -44,6 +44,22 @@ pub fn folder_of(path: &Path) -> &Path {
         .unwrap_or(Path::new("."))
 }
 
+/// What to do about a write that failed.
+pub fn remedy(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            "free some space, then continue with --resume"
+        }
+        io::ErrorKind::ReadOnlyFilesystem | io::ErrorKind::PermissionDenied => {
+            "choose another folder with --out"
+        }
+        io::ErrorKind::NotADirectory | io::ErrorKind::AlreadyExists => {
+            "a file is in the way: choose another folder with --out"
+        }
+        _ => "check the folder, then continue with --resume",
+    }
+}
+
 /// Makes the folder `path`, or takes one that holds the file `marker`, by which earlier results of the same kind are known.
 ///
 /// Returns whether it is one's own: `false` when it holds anything else, which must not be written over.

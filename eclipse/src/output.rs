@@ -14,7 +14,7 @@ use serde::Serialize;
 
 use crate::{
     capture::Capture,
-    files::atomic,
+    files::{atomic, remedy},
     image_io::{ExrOptions, ImageIoError, Precision, write_exr_with},
     layout::{
         ALBEDO_SD, CONVENTION, ENVIRONMENT, ENVIRONMENT_SD, MATERIAL_CHANNELS, MATERIALS, MESH,
@@ -205,22 +205,6 @@ pub enum OutputError {
     /// The mesh could not be encoded or written.
     #[error(transparent)]
     Mesh(#[from] MeshIoError),
-}
-
-/// What to do about a write that failed.
-pub(crate) fn remedy(error: &io::Error) -> &'static str {
-    match error.kind() {
-        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
-            "free some space, then continue with --resume"
-        }
-        io::ErrorKind::ReadOnlyFilesystem | io::ErrorKind::PermissionDenied => {
-            "choose another folder with --out"
-        }
-        io::ErrorKind::NotADirectory | io::ErrorKind::AlreadyExists => {
-            "a file is in the way: choose another folder with --out"
-        }
-        _ => "check the folder, then continue with --resume",
-    }
 }
 
 /// The same before there is anything to continue.

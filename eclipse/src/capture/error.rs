@@ -153,7 +153,7 @@ pub enum CaptureError {
     #[error("frame {frame:?}: {source}")]
     Image { frame: String, source: ImageIoError },
     /// An image of another size than declared, or than the others.
-    #[error("frame {frame:?}: {} has {}×{} pixels{note}, but {expected} {}×{}; use photographs of that size (--max-size reduces them), or correct what says it", path.display(), found[0], found[1], wanted[0], wanted[1])]
+    #[error("frame {frame:?}: {} has {}×{} pixels{note}, but {expected} {}×{}; resize the image, or correct w and h (with COLMAP, take photographs of the size of its cameras, which --max-size reduces)", path.display(), found[0], found[1], wanted[0], wanted[1])]
     Size {
         frame: String,
         path: PathBuf,

@@ -61,17 +61,17 @@ pub(super) fn of_file(image: &Image) -> Image {
 
 /// A mask whose object is not quite white, in white: pixels that show it alone are what a run uses.
 ///
-/// Where nothing is white, the brightest is; where most of the object is within a twentieth of it, as in mattes, that is. All else
-/// says how much of a pixel shows the object, and stays.
+/// Where nothing is white, the brightest is; where most of the object is a little below that, as in mattes, all within a twentieth of
+/// it is. Any other mask says how much of a pixel shows the object, and stays.
 pub(super) fn whitened(mut mask: Image) -> Image {
     let mut inside: Vec<f32> = mask.data.iter().copied().filter(|m| *m > 0.5).collect();
     inside.sort_unstable_by(f32::total_cmp);
     let [Some(&middle), Some(&brightest)] = [inside.get(inside.len() / 2), inside.last()] else {
         return mask;
     };
-    let white = match brightest {
-        brightest if brightest <= WHOLE => brightest,
-        _ if (NEARLY_WHOLE..=WHOLE).contains(&middle) => middle,
+    let white = match middle / brightest {
+        most if (NEARLY_WHOLE..=WHOLE).contains(&most) => NEARLY_WHOLE * brightest,
+        _ if brightest <= WHOLE => brightest,
         _ => return mask,
     };
     for value in &mut mask.data {
@@ -167,6 +167,7 @@ mod tests {
         assert_eq!(of(&[0.0, 0.25 * grey, grey, grey]), [0.0, 0.25, 1.0, 1.0]);
         // A matte: uneven inside, its brightest pixel white.
         assert_eq!(of(&[0.0, 0.98, 0.98, 0.99, 1.0])[1..], [1.0; 4]);
+        assert_eq!(of(&[0.0, 0.97, 0.98, 0.98, 0.99])[1..], [1.0; 4]);
         // Thin things cover no pixel wholly but one, and empty masks are told elsewhere.
         for kept in [
             vec![0.6, 0.7, 0.8, 1.0],
