@@ -82,7 +82,7 @@ fn error(found: &Reconstruction, light: &Image) -> f64 {
 
 #[test]
 fn a_vignette_is_fitted_and_taken_out() {
-    let (capture, light) = made(48);
+    let (capture, light) = made(40);
     let taken = vignetted(&capture);
     let detached = Control::detached();
     let plain = joint::run(&taken, &settings(&[]), &detached).unwrap();
@@ -115,7 +115,7 @@ fn an_interrupted_run_goes_on_bit_for_bit() {
     let (capture, _) = made(28);
     let taken = vignetted(&capture);
     let with = Settings {
-        iterations: Some(4),
+        iterations: Some(3),
         ..settings(&["vignetting", "black_level"])
     };
     let whole = joint::run(&taken, &with, &Control::detached()).unwrap();
@@ -124,7 +124,7 @@ fn an_interrupted_run_goes_on_bit_for_bit() {
     let interrupted = Control {
         stop: &stop,
         checkpoint: &|checkpoint| {
-            if checkpoint.iteration == 2 {
+            if checkpoint.iteration == 1 {
                 stop.store(true, Ordering::Relaxed);
             }
             *saved.lock().unwrap() = Some(checkpoint.clone());

@@ -30,7 +30,7 @@ fn recovered(capture: &Capture, occluders: bool, iterations: u64) -> Reconstruct
 fn moving_shadows_tell_more_of_the_light_than_shading() {
     // Of photographs with fewer pixels, where visibility takes less time; shadows are seen by twenty-four of them all the same.
     let options = LoadOptions {
-        max_size: Some(48),
+        max_size: Some(36),
         ..LoadOptions::default()
     };
     let capture = Capture::load(&bundled(), &options).unwrap();
