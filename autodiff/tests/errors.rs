@@ -32,6 +32,24 @@ fn is_mismatch(error: &GraphError) -> bool {
 type Case = (fn(&Graph), &'static str);
 
 #[test]
+fn what_follows_a_mistake_is_recorded_without_a_panic() {
+    // A weight too small for its operand would make a value of no channels, which has none to take.
+    let error = mistake(|g| {
+        let f = g.param("f", &g.domain("lane"), 3);
+        let w = g.param("w", &g.uniform(), 1);
+        let layer = f.matmul(&w, None);
+        assert_eq!(layer.channels(), 1);
+        let _ = layer.channel(0).normalize() + layer.channel(7);
+    });
+    assert!(is_mismatch(&error), "{error}");
+    says(&error, &["matmul", "out x in channels"]);
+    let error = mistake(|g| {
+        let _ = g.param("f", &g.uniform(), 0).channel(1);
+    });
+    says(&error, &["channel"]);
+}
+
+#[test]
 fn operands_that_do_not_fit_are_named_with_the_operation_and_the_fix() {
     let two = |g: &Graph| -> (Var, Var) {
         let (lane, other) = (g.domain("lane"), g.domain("other"));

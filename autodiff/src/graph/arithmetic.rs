@@ -260,7 +260,7 @@ impl<A: Kind> Array<A> {
                 format!(
                     "there is no channel {i} of {}: take one of 0 to {}",
                     shape.channels,
-                    shape.channels - 1
+                    shape.channels.saturating_sub(1)
                 ),
             );
             return self.clone();

@@ -265,6 +265,8 @@ impl<A: Kind> Array<A> {
             }
             inputs.push(bias.id);
         }
+        // A weight that is refused may leave none, which what follows does not expect.
+        let channels = channels.max(1);
         let shape = Shape { channels, ..shape };
         let id = self.graph.push(Op::Matmul, inputs, shape, location);
         Array::from_id(&self.graph, id)

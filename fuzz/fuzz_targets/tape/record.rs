@@ -89,7 +89,7 @@ pub fn record(steps: &[Step], fitting: bool) -> Result<Recorded, GraphError> {
             22 => a.sum_channels(),
             23 => a.sum_axis(),
             24 => a.sum_lanes(),
-            25 => a.channel(step.b as usize % if fitting { a.channels() } else { 4 }),
+            25 => a.channel(step.b as usize % if fitting { a.channels().max(1) } else { 4 }),
             26 => Var::stack(&[&a, &b]),
             27 => a.normalize(),
             28 => a.matmul(&b, None),
@@ -124,7 +124,8 @@ pub fn record(steps: &[Step], fitting: bool) -> Result<Recorded, GraphError> {
                 let share = weight(&values, step.b, &sample);
                 a.gather_weighted(&[(&near, &share), (&far, &(1.0 - &share))])
             }
-            47 if is_on(&cell) => a.linear_map(&cell, Arc::new(Mix)),
+            // Of another domain's size is known when sizes are.
+            47 if a.domain() == cell => a.linear_map(&cell, Arc::new(Mix)),
             48 => g.custom(Ratio, [&a, &b]),
             49 => {
                 let [sum, product] = g.custom_vec(SumAndProduct, [&a, &b]);
