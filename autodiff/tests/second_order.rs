@@ -1,9 +1,14 @@
 //! Hessian-vector products, and operations that users write.
 
+#[path = "common/operations.rs"]
+#[allow(dead_code)]
+mod operations;
+
 use autodiff::{
-    CustomOp, CustomVecOp, FirstOrderOnly, Fma, GradCheck, Graph, GraphError, Program, Real,
-    RunError, Sizes, Var, Workspace,
+    CustomOp, CustomVecOp, Fma, GradCheck, Graph, GraphError, Program, Real, RunError, Sizes, Var,
+    Workspace,
 };
+use operations::Cube;
 use proptest::prelude::*;
 use proptest::test_runner::FileFailurePersistence;
 
@@ -16,21 +21,6 @@ impl CustomOp<2> for Ratio {
     }
     fn eval<R: Real, F: Fma>(&self, [a, b]: [R; 2]) -> R {
         a * a / (R::from_f64(1.0) + b)
-    }
-}
-
-/// A cube that tells its slope only.
-struct Cube;
-
-impl FirstOrderOnly<1> for Cube {
-    fn name(&self) -> &'static str {
-        "cube"
-    }
-    fn eval(&self, [x]: [f64; 1]) -> f64 {
-        x * x * x
-    }
-    fn partials(&self, [x]: [f64; 1], _: f64) -> [f64; 1] {
-        [3.0 * x * x]
     }
 }
 

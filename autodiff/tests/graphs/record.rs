@@ -2,9 +2,13 @@
 
 use std::sync::Arc;
 
-use autodiff::{
-    CustomOp, CustomVecOp, Detached, Fma, Graph, LinearMap, Program, Real, Scalar, Var,
-};
+use autodiff::{Detached, Graph, Program, Var};
+
+#[path = "../common/operations.rs"]
+#[allow(dead_code)]
+mod operations;
+
+use operations::{Mix, Ratio, SumAndShare};
 
 pub const TEXELS: usize = 7;
 pub const PARAMS: [&str; 7] = ["pixel", "row", "texel", "scale", "matrix", "place", "field"];
@@ -113,7 +117,7 @@ pub fn record_with(steps: &[Step], simplify: bool, detach: bool) -> Program {
                     }
                 }
             }
-            21 => texels.push(settle(x.linear_map(&texel, Arc::new(Mix)))),
+            21 => texels.push(settle(x.linear_map(&texel, Arc::new(Mix(TEXELS))))),
             22 if compatible(s, t) => samples.push(settle(g.custom(Ratio, [s, t]))),
             23 => pixels.push(settle(p.log_sum_exp() * q.channel(0))),
             24 => samples.push(settle(s.log_sum_exp())),
@@ -172,7 +176,9 @@ pub fn record_with(steps: &[Step], simplify: bool, detach: bool) -> Program {
                 ])));
             }
             46 => pixels.push(settle(s.segment_dot(&field.gather(&index[b % 2])) * 0.1)),
-            47 => texels.push(settle((&field * &scale).linear_map(&texel, Arc::new(Mix)))),
+            47 => texels.push(settle(
+                (&field * &scale).linear_map(&texel, Arc::new(Mix(TEXELS))),
+            )),
             48 => samples.push(settle(s.softplus() * (t.channel(0) * 0.5).cos())),
             49 => samples.push(settle(s.powi(3) * 0.2 + t.channel(0).powi(2))),
             50 if s.channels() == t.channels() => samples.push(settle(s.dot(t) * 0.3)),
@@ -193,65 +199,4 @@ pub fn record_with(steps: &[Step], simplify: bool, detach: bool) -> Program {
         false => g.compile_as_recorded(&outputs),
     };
     program.unwrap()
-}
-
-/// A user's smooth operation.
-struct Ratio;
-
-impl CustomOp<2> for Ratio {
-    fn name(&self) -> &'static str {
-        "ratio"
-    }
-    fn eval<R: Real, F: Fma>(&self, [a, b]: [R; 2]) -> R {
-        a / (R::from_f64(1.0) + b * b)
-    }
-}
-
-/// One of two results.
-struct SumAndShare;
-
-impl CustomVecOp<2, 2> for SumAndShare {
-    fn name(&self) -> &'static str {
-        "sum and share"
-    }
-    fn eval<R: Real, F: Fma>(&self, [a, b]: [R; 2]) -> [R; 2] {
-        [a + b, a * b / (R::from_f64(1.0) + a * a)]
-    }
-}
-
-/// A user's operator on texels.
-struct Mix;
-
-impl Mix {
-    fn run<S: Scalar>(columns: usize, transpose: bool, input: &[S], output: &mut [S]) {
-        output.fill(S::default());
-        for to in 0..TEXELS {
-            for from in 0..TEXELS {
-                let (row, column) = if transpose { (from, to) } else { (to, from) };
-                let entry = S::from_f64(((3 * row + column) as f64).sin() * 0.4);
-                for c in 0..columns {
-                    let sum = output[to * columns + c] + entry * input[from * columns + c];
-                    output[to * columns + c] = sum;
-                }
-            }
-        }
-    }
-}
-
-impl LinearMap for Mix {
-    fn shape(&self) -> (usize, usize) {
-        (TEXELS, TEXELS)
-    }
-    fn apply_f32(&self, columns: usize, input: &[f32], output: &mut [f32]) {
-        Mix::run(columns, false, input, output);
-    }
-    fn apply_transpose_f32(&self, columns: usize, input: &[f32], output: &mut [f32]) {
-        Mix::run(columns, true, input, output);
-    }
-    fn apply_f64(&self, columns: usize, input: &[f64], output: &mut [f64]) {
-        Mix::run(columns, false, input, output);
-    }
-    fn apply_transpose_f64(&self, columns: usize, input: &[f64], output: &mut [f64]) {
-        Mix::run(columns, true, input, output);
-    }
 }

@@ -2,11 +2,13 @@
 
 use std::sync::Arc;
 
-use autodiff::{
-    CustomOp, CustomVecOp, Domain, FirstOrderOnly, Fma, Graph, GraphError, LinearMap, Mask,
-    Program, Real, Scalar, Var,
-};
+use autodiff::{Domain, Graph, GraphError, Mask, Program, Var};
 use libfuzzer_sys::arbitrary::{self, Arbitrary};
+
+#[path = "../../../autodiff/tests/common/operations.rs"]
+mod operations;
+
+use operations::{Cube, Mix, Ratio, SumAndShare};
 
 /// Parameters.
 pub const PARAMS: [&str; 6] = ["color", "row", "table", "gain", "matrix", "field"];
@@ -125,10 +127,10 @@ pub fn record(steps: &[Step], fitting: bool) -> Result<Recorded, GraphError> {
                 a.gather_weighted(&[(&near, &share), (&far, &(1.0 - &share))])
             }
             // Of another domain's size is known when sizes are.
-            47 if a.domain() == cell => a.linear_map(&cell, Arc::new(Mix)),
+            47 if a.domain() == cell => a.linear_map(&cell, Arc::new(Mix(CELLS))),
             48 => g.custom(Ratio, [&a, &b]),
             49 => {
-                let [sum, product] = g.custom_vec(SumAndProduct, [&a, &b]);
+                let [sum, product] = g.custom_vec(SumAndShare, [&a, &b]);
                 values.push(sum);
                 product
             }
@@ -172,77 +174,4 @@ fn weight(values: &[Var], at: u8, sample: &Domain) -> Var {
     let fits = |value: &&Var| value.domain() == *sample && value.channels() == 1;
     let fitting: Vec<&Var> = values.iter().filter(fits).collect();
     fitting[at as usize % fitting.len()].clone()
-}
-
-struct Ratio;
-
-impl CustomOp<2> for Ratio {
-    fn name(&self) -> &'static str {
-        "ratio"
-    }
-    fn eval<R: Real, F: Fma>(&self, [a, b]: [R; 2]) -> R {
-        a / (R::from_f64(1.0) + b * b)
-    }
-}
-
-struct SumAndProduct;
-
-impl CustomVecOp<2, 2> for SumAndProduct {
-    fn name(&self) -> &'static str {
-        "sum and product"
-    }
-    fn eval<R: Real, F: Fma>(&self, [a, b]: [R; 2]) -> [R; 2] {
-        [a + b, a * b]
-    }
-}
-
-struct Cube;
-
-impl FirstOrderOnly<1> for Cube {
-    fn name(&self) -> &'static str {
-        "cube"
-    }
-    fn eval(&self, [x]: [f64; 1]) -> f64 {
-        x * x * x
-    }
-    fn partials(&self, [x]: [f64; 1], _: f64) -> [f64; 1] {
-        [3.0 * x * x]
-    }
-}
-
-/// An operator on the cells.
-struct Mix;
-
-impl Mix {
-    fn run<S: Scalar>(columns: usize, transpose: bool, input: &[S], output: &mut [S]) {
-        output.fill(S::default());
-        for to in 0..CELLS {
-            for from in 0..CELLS {
-                let (row, column) = if transpose { (from, to) } else { (to, from) };
-                let entry = S::from_f64((2 * row + column) as f64 / 8.0 - 0.5);
-                for c in 0..columns {
-                    let sum = output[to * columns + c] + entry * input[from * columns + c];
-                    output[to * columns + c] = sum;
-                }
-            }
-        }
-    }
-}
-
-impl LinearMap for Mix {
-    fn shape(&self) -> (usize, usize) {
-        (CELLS, CELLS)
-    }
-    fn apply_f32(&self, columns: usize, input: &[f32], output: &mut [f32]) {
-        Mix::run(columns, false, input, output);
-    }
-    fn apply_transpose_f32(&self, columns: usize, input: &[f32], output: &mut [f32]) {
-        Mix::run(columns, true, input, output);
-    }
-    fn apply_f64(&self, columns: usize, input: &[f64], output: &mut [f64]) {
-        Mix::run(columns, false, input, output);
-    }
-    fn apply_transpose_f64(&self, columns: usize, input: &[f64], output: &mut [f64]) {
-        Mix::run(columns, true, input, output);
-    }
 }
