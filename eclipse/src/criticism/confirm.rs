@@ -22,6 +22,8 @@ const SEALED_LEVEL: f64 = 0.3;
 pub struct Opened<'a> {
     /// What stands, in order.
     pub path: Vec<Step<'a>>,
+    /// Capacity candidates that the model needed first, in order.
+    pub finer: Vec<&'static str>,
     /// A stand-in for physics outside the table that does best.
     pub unknown: Option<&'static str>,
     /// Whether an effect that refits speak for gains there, but not enough.
@@ -52,6 +54,7 @@ pub fn open<'a>(
 ) -> Result<Opened<'a>, FitError> {
     let mut opened = Opened {
         path: Vec::new(),
+        finer: Vec::new(),
         unknown: None,
         refused: false,
     };
@@ -80,6 +83,14 @@ pub fn open<'a>(
                 opened.unknown = Some(*id);
                 break;
             }
+        }
+        if let Some((id, fit)) = &round.finer {
+            let (_, confirmed) = ask(id, fit, SEALED_LEVEL)?;
+            if !confirmed {
+                break;
+            }
+            opened.finer.push(*id);
+            continue;
         }
         // Every question makes the next one stricter.
         let asked = 1 + usize::from(round.unknown.is_some());

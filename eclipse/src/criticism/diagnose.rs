@@ -117,7 +117,7 @@ pub fn diagnose<'a>(
     let mut behind = BTreeMap::new();
     let mut longest = 0.0f64;
     loop {
-        let fit = last_of(&rounds).unwrap_or(&first);
+        let fit = rounds.last().and_then(Round::best).unwrap_or(&first);
         report("screening effects")?;
         let screened = Instant::now();
         let free = candidates.iter().copied();
@@ -155,7 +155,8 @@ pub fn diagnose<'a>(
         let until = began.elapsed().as_secs_f64() + longest;
         let late = options.time_limit.is_some_and(|limit| until > limit);
         let contenders = compete::contenders(&result);
-        if rounds.len() >= MOST_EFFECTS || contenders.is_empty() {
+        let physics = rounds.iter().filter(|round| round.finer.is_none());
+        if physics.count() >= MOST_EFFECTS || contenders.is_empty() {
             break;
         }
         if late && !rounds.is_empty() {
@@ -177,17 +178,20 @@ pub fn diagnose<'a>(
             evidence,
             sealed: None,
         }));
-        // Nothing is looked for beside what no name is known for.
-        let named = round.unknown.is_none() && !round.standing.is_empty();
+        let ends = round.best().is_none();
         rounds.push(round);
-        if !named {
+        if ends {
             break;
         }
     }
 
     report("opening the sealed data")?;
     let opened = confirm::open(&study, &rounds, &mut refits)?;
-    let before = rounds.first().map_or(&first, |round| &round.null);
+    // What effects are compared with has the detail that they were compared behind.
+    let named = !opened.path.is_empty();
+    let physics = rounds.iter().position(|round| round.finer.is_none());
+    let base = physics.filter(|_| named).unwrap_or(0);
+    let before = rounds.get(base).map_or(&first, |round| &round.null);
     let after = opened.path.last().map_or(before, |step| step.fit);
     let errors = if opened.path.is_empty() {
         BTreeMap::new()
@@ -230,10 +234,12 @@ pub fn diagnose<'a>(
     };
     let verdict = verdict::verdict(&grounds);
     let moved = moved(before, after);
-    let looks_like = opened.unknown;
+    let finer = opened.finer.last().filter(|_| opened.path.is_empty());
+    let looks_like = opened.unknown.or(finer.copied());
     let silhouettes = Silhouettes::of(&study, &simulation.occluders, after);
     let last = opened.path.last().and_then(|step| place(&rounds, step.fit));
-    let (before, after) = ends(&study, first, rounds, last)?;
+    let finer = opened.finer;
+    let (before, after) = ends(&study, first, rounds, base, last)?;
     seconds.insert("all".to_owned(), began.elapsed().as_secs_f64());
     // Of what is not explained there is a map, never a name.
     let (effects, unnamed) = match verdict {
@@ -248,6 +254,7 @@ pub fn diagnose<'a>(
         shared_exponent: None,
         occluders: silhouettes.as_ref().map(|s| s.told.clone()),
         looks_like,
+        finer,
         ranking,
         sealed,
         unexplained_fraction: if judged[0] > 0.0 {
@@ -310,11 +317,13 @@ fn place(rounds: &[Round], fit: &Fit) -> Option<[usize; 2]> {
     rounds.find_map(|(k, round)| Some([k, rank(round)?]))
 }
 
-/// The first and the last model, the latter at `last` or the same, out of all that were tried; the others are let go.
+/// The first model, which is that of round `base` without any effect more, and the last, which is at `last` or the same, out of all
+/// that were tried; the others are let go.
 fn ends(
     study: &Study<'_>,
     first: Fit,
     rounds: Vec<Round>,
+    base: usize,
     last: Option<[usize; 2]>,
 ) -> Result<(Fit, Fit), FitError> {
     let (mut before, mut after) = (first, None);
@@ -322,7 +331,7 @@ fn ends(
         if let Some([_, rank]) = last.filter(|[at, _]| *at == k) {
             after = round.standing.into_iter().nth(rank);
         }
-        if k == 0 {
+        if k == base {
             before = round.null;
         }
     }
@@ -339,11 +348,6 @@ pub fn light_of(capture: &Capture) -> Light {
         None => Light::Environment,
         Some(_) => Light::Lamps,
     }
-}
-
-/// The model with everything that refits speak for.
-fn last_of(rounds: &[Round]) -> Option<&Fit> {
-    rounds.last()?.standing.first().map(|(_, fit)| fit)
 }
 
 /// Scores these effects at a fit.

@@ -140,6 +140,17 @@ pub struct Sealed {
     pub rmse_after: f64,
 }
 
+/// χ² a sealed value from which on there is more than noise to speak of: its own noise is a few hundredths.
+const ABOVE_NOISE: f64 = 1.1;
+
+impl Sealed {
+    /// The share of what noise does not explain on sealed values that the effects do, 0 to 1, where there is any.
+    pub fn explained(&self) -> Option<f64> {
+        let (before, after) = (self.chi2_before, self.chi2_after);
+        (before > ABOVE_NOISE).then(|| ((before - after) / (before - 1.0)).clamp(0.0, 1.0))
+    }
+}
+
 /// Whose model drew the occluders.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -184,6 +195,8 @@ pub struct Diagnosis {
     /// A stand-in for physics that has no name here and does better than all that has one, or than all that could be added to what was
     /// found.
     pub looks_like: Option<&'static str>,
+    /// Capacity candidates that did better than all physics, in order: they joined the model before effects were compared anew.
+    pub finer: Vec<&'static str>,
     /// The first screening: what was refitted, in the order of its refits' evidence, then the others by their gain.
     pub ranking: Vec<Ranked>,
     /// Errors on sealed data.
@@ -234,6 +247,7 @@ impl Diagnosis {
             shared_exponent: None,
             occluders: None,
             looks_like: None,
+            finer: Vec::new(),
             ranking: Vec::new(),
             sealed: Sealed {
                 chi2_before: 3.0,

@@ -42,10 +42,12 @@ pub fn yardstick(
     if same {
         told = outcome.after.duplicate(study)?;
     } else {
+        // As many steps as a diagnosis takes that finds them one after another.
+        let steps = refit::STEPS * known.len();
         for effect in known {
             told.add(effect, Vec::new());
         }
-        told.refine(study, refit::STEPS)?;
+        told.refine(study, steps)?;
     }
     // Patches alone are looked at.
     let none = FrameNumbers::none();

@@ -90,6 +90,20 @@ impl Precision {
         }
     }
 
+    /// The square sum of what [`whiten`](Self::whiten) made `white` of, in units of the noise alone: with the part that the sites' own
+    /// albedos would have taken.
+    pub fn square_of_noise(&self, white: &[f32]) -> f64 {
+        let kept: f64 = white.iter().map(|w| f64::from(*w).powi(2)).sum();
+        let pairs = (0..self.sites()).flat_map(|site| [0, 1, 2].map(|c| (site, c)));
+        let taken = pairs.map(|(site, c)| {
+            let along = self.sum(site, c, |i| {
+                self.weight[i].sqrt() * self.shading[i] * white[i]
+            });
+            (self.tau[c] * along).powi(2)
+        });
+        kept + taken.sum::<f64>()
+    }
+
     /// Best own albedo of each site for residuals `r`, and its standard error, `[site][colour]`.
     pub fn own(&self, r: &[f32]) -> Vec<(f32, f32)> {
         (0..self.sites())
@@ -120,6 +134,8 @@ mod tests {
         let square: f32 = white.iter().map(|w| w * w).sum();
         let direct: f32 = v.iter().zip(p.apply(&v)).map(|(a, b)| a * b).sum();
         assert!((square / direct - 1.0).abs() < 1e-5, "{square} {direct}");
+        let noise: f32 = v.iter().zip(&p.weight).map(|(v, w)| w * v * v).sum();
+        assert!((p.square_of_noise(&white) - f64::from(noise)).abs() < 1e-4);
         // Two views of one site in the first colour, by hand: V = W⁻¹ + τ² D Dᵀ.
         let (a, d) = (0.5 + 0.49 * 0.25, 0.25 + 0.49 * 0.64);
         let b = 0.49 * 0.5 * 0.8;

@@ -28,6 +28,9 @@ pub struct Round {
     pub null: Fit,
     /// Physics whose evidence speaks for it, best first, with its model; none where more freedom does better.
     pub standing: Vec<(Choice, Fit)>,
+    /// A capacity candidate that does better than all physics, with its model: the search goes on from there, since what physics
+    /// seemed to do may have been a symptom of a model that is too coarse.
+    pub finer: Option<(&'static str, Fit)>,
     /// A stand-in for physics outside the table that does far better than any within, with its model: it comes before those, which
     /// are asked only where sealed data refuse it.
     pub unknown: Option<(&'static str, Fit)>,
@@ -36,6 +39,18 @@ pub struct Round {
     /// Evidence is twice a logarithm, in units of χ²: the gain over the model without the effect refitted just as long, how usual
     /// light, texture, lobe and effects are included, less what the effect's numbers cost.
     pub evidence: Vec<(&'static str, f64)>,
+}
+
+impl Round {
+    /// The model from which the search goes on, unless there is nothing left to look for: nothing is looked for beside what no name
+    /// is known for.
+    pub fn best(&self) -> Option<&Fit> {
+        if self.unknown.is_some() {
+            return None;
+        }
+        let physics = self.standing.first().map(|(_, fit)| fit);
+        physics.or(self.finer.as_ref().map(|(_, fit)| fit))
+    }
 }
 
 /// Refits `fit`, at which `nuisance` was linearised, with every contender; `report` is told which.
@@ -94,7 +109,7 @@ pub fn round(
     let is_physics = |id: &str| effects::by_id(id).is_some_and(|e| !e.is_capacity());
     let best = evidence.iter().find(|(id, _)| is_physics(id));
     let physics = best.map_or(0.0, |(_, evidence)| evidence.max(0.0));
-    let (mut standing, mut unknown) = (Vec::new(), None);
+    let (mut standing, mut finer, mut unknown) = (Vec::new(), None, None);
     for (contender, fit, own) in refits {
         if own <= 0.0 {
             break;
@@ -108,6 +123,9 @@ pub fn round(
         }
         if known.is_capacity() {
             // More freedom for what the model has already explains it better than whatever follows.
+            if standing.is_empty() && unknown.is_none() {
+                finer = Some((known.id(), fit));
+            }
             break;
         }
         let rivals = contender.rivals.into_iter();
@@ -125,6 +143,7 @@ pub fn round(
     Ok(Round {
         null,
         standing,
+        finer,
         unknown,
         evidence,
     })

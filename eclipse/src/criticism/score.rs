@@ -37,12 +37,12 @@ pub struct Score {
     pub beta: Vec<f64>,
     /// Their standard errors.
     pub standard_error: Vec<f64>,
-    /// Share of the effect's signal that light and material cannot imitate.
+    /// Share of the effect's signal that light, material and the model's other effects cannot imitate.
     pub survival: f64,
     /// Relative size of the effect in the object's image, RMS.
     pub size: f64,
-    /// Change of the size by each of the numbers.
-    pub size_slopes: Vec<f64>,
+    /// The size's square is a quadratic form of the numbers, of this matrix.
+    size_form: Vec<f64>,
     /// The size that would be found: its gain is expected to be three of its standard errors.
     pub minimum_detectable: f64,
     /// Names of the numbers.
@@ -52,13 +52,10 @@ pub struct Score {
 }
 
 impl Score {
-    /// Standard error of the size, where the numbers have these and are independent.
-    pub fn size_error(&self, errors: &[f64]) -> f64 {
-        let parts = self.size_slopes.iter().zip(errors);
-        parts
-            .map(|(slope, error)| (slope * error).powi(2))
-            .sum::<f64>()
-            .sqrt()
+    /// Relative size in the object's image that the effect has with the numbers `beta`, RMS, and its standard error, where the
+    /// numbers have these and are independent.
+    pub fn size_of(&self, beta: &[f64], errors: &[f64]) -> (f64, f64) {
+        size_of(&self.size_form, beta, errors)
     }
 }
 
@@ -162,7 +159,7 @@ pub fn screen(study: &Study<'_>, jacobian: &Jacobian, candidates: &[Candidate]) 
         .map(|k| {
             let (mut beta, system) = solve(&reduced, &layout, Some(k), jacobian, candidates);
             let own = Own::new(&system, beta.split_off(layout.always));
-            let survival = survival(&colours, &reduced, &layout, k, &own.beta);
+            let survival = survival(jacobian, &candidates[k], &own);
             score(&candidates[k], &gains[k], &own, survival)
         })
         .collect();
@@ -238,25 +235,15 @@ fn solve(
     (beta, system)
 }
 
-/// ‖X̃β‖² / ‖Xβ‖².
-fn survival(
-    colours: &[Colour],
-    reduced: &[Reduced],
-    layout: &Layout,
-    k: usize,
-    beta: &[f64],
-) -> f64 {
-    let (mut kept, mut all) = (0.0, 0.0);
-    for (colour, reduced) in colours.iter().zip(reduced) {
-        for (i, bi) in layout.own[k].clone().zip(beta) {
-            for (j, bj) in layout.own[k].clone().zip(beta) {
-                all += bi * bj * colour.total[i * layout.columns + j];
-                let (i, j) = (i - layout.nuisance, j - layout.nuisance);
-                kept += bi * bj * reduced.schur[i * reduced.later + j];
-            }
-        }
+/// ‖X̃β‖² / ‖Xβ‖² in units of the noise: X̃ is what no light, texture, albedo of a place or effect in the model can imitate.
+fn survival(jacobian: &Jacobian, candidate: &Candidate, own: &Own) -> f64 {
+    let mut change = vec![0.0f32; jacobian.residual.len()];
+    for (column, beta) in candidate.columns.iter().zip(&own.beta) {
+        let moved = change.iter_mut().zip(column);
+        moved.for_each(|(sum, x)| *sum += *beta as f32 * x);
     }
-    if all > 0.0 { kept / all } else { 0.0 }
+    let all = jacobian.precision.square_of_noise(&change);
+    if all > 0.0 { own.signal / all } else { 0.0 }
 }
 
 fn score(candidate: &Candidate, blocks: &[f64], own: &Own, survival: f64) -> Score {
@@ -267,18 +254,6 @@ fn score(candidate: &Candidate, blocks: &[f64], own: &Own, survival: f64) -> Sco
         true => (0.0, 0.0),
         false => paired(&used),
     };
-    let views = candidate.unit_size.first().map_or(0, Vec::len);
-    let changes = |beta: &[f64]| -> Vec<f64> {
-        let change = |v: usize| -> f64 {
-            let parts = beta.iter().zip(&candidate.unit_size);
-            parts.map(|(b, size)| b * f64::from(size[v])).sum()
-        };
-        (0..views).map(change).collect()
-    };
-    let rms = |beta: &[f64]| {
-        let squares: f64 = changes(beta).iter().map(|change| change * change).sum();
-        (squares / views.max(1) as f64).sqrt()
-    };
     let scaled = |values: &[f64]| -> Vec<f64> {
         values
             .iter()
@@ -286,14 +261,8 @@ fn score(candidate: &Candidate, blocks: &[f64], own: &Own, survival: f64) -> Sco
             .map(|(b, t): (&f64, &Term)| b * t.scale)
             .collect()
     };
-    let size = rms(beta);
-    let whole = changes(beta);
-    let slope = |(unit, term): (&Vec<f32>, &Term)| {
-        let along: f64 = whole.iter().zip(unit).map(|(c, u)| c * f64::from(*u)).sum();
-        along / (views.max(1) as f64 * size * term.scale).max(1e-300)
-    };
-    let units = candidate.unit_size.iter().zip(&candidate.terms);
-    let size_slopes = units.map(slope).collect();
+    let size_form = size_form(candidate);
+    let size = |beta: &[f64]| size_of(&size_form, &scaled(beta), &[]).0;
     Score {
         id: candidate.effect.id(),
         gain,
@@ -303,12 +272,40 @@ fn score(candidate: &Candidate, blocks: &[f64], own: &Own, survival: f64) -> Sco
         beta: scaled(beta),
         standard_error: scaled(error),
         survival,
-        size,
-        size_slopes,
-        minimum_detectable: own.minimum_detectable(rms),
+        size: size(beta),
+        minimum_detectable: own.minimum_detectable(size),
         names: candidate.terms.iter().map(|t| t.name.clone()).collect(),
         frames: candidate.terms.iter().map(|t| t.frame).collect(),
+        size_form,
     }
+}
+
+/// Mean products of the relative changes that the numbers make.
+fn size_form(candidate: &Candidate) -> Vec<f64> {
+    let units: Vec<(&Vec<f32>, &Term)> = candidate.unit_size.iter().zip(&candidate.terms).collect();
+    let line = |(a, of_a): &(&Vec<f32>, &Term)| -> Vec<f64> {
+        let product = |(b, of_b): &(&Vec<f32>, &Term)| -> f64 {
+            let sum: f64 = a.iter().zip(b.iter()).map(|(a, b)| f64::from(a * b)).sum();
+            sum / (a.len().max(1) as f64 * of_a.scale * of_b.scale)
+        };
+        units.iter().map(product).collect()
+    };
+    let lines: Vec<Vec<f64>> = units.par_iter().map(line).collect();
+    lines.concat()
+}
+
+/// The root of a quadratic form of `beta`, and its standard error.
+fn size_of(form: &[f64], beta: &[f64], errors: &[f64]) -> (f64, f64) {
+    let count = beta.len().max(1);
+    let slopes: Vec<f64> = form
+        .chunks_exact(count)
+        .map(|line| line.iter().zip(beta).map(|(x, b)| x * b).sum())
+        .collect();
+    let square: f64 = slopes.iter().zip(beta).map(|(s, b)| s * b).sum();
+    let size = square.max(0.0).sqrt();
+    let parts = slopes.iter().zip(errors);
+    let error: f64 = parts.map(|(s, e)| (s * e).powi(2)).sum();
+    (size, error.sqrt() / size.max(1e-150))
 }
 
 fn inner(weights: &[f64], values: &[f32]) -> f64 {
@@ -317,4 +314,21 @@ fn inner(weights: &[f64], values: &[f32]) -> f64 {
         .zip(values)
         .map(|(w, v)| w * f64::from(*v))
         .sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_size_is_that_of_the_numbers_it_is_asked_for() {
+        // Changes of (1, 0) and (1, 2) in two views.
+        let form = [0.5, 0.5, 0.5, 2.5];
+        let (size, error) = size_of(&form, &[1.0, -0.5], &[0.1, 0.0]);
+        // (½, −1): a mean square of ⅝.
+        assert!((size - 0.625f64.sqrt()).abs() < 1e-12);
+        assert!((error - 0.1 * 0.25 / size).abs() < 1e-12);
+        assert_eq!(size_of(&form, &[0.0, 0.0], &[1.0, 1.0]), (0.0, 0.0));
+        assert_eq!(size_of(&[], &[], &[]), (0.0, 0.0));
+    }
 }

@@ -29,8 +29,14 @@ pub fn sentence(d: &Diagnosis) -> String {
             .to_owned()
     };
     let names: Vec<String> = d.effects.iter().map(told).collect();
+    let above = d.sealed.explained().map_or(String::new(), |share| {
+        format!(
+            ", which is {:.0} % of what noise does not explain there",
+            100.0 * share
+        )
+    });
     let chi2 = format!(
-        "χ² a sealed value goes from {:.2} to {:.2}",
+        "χ² a sealed value goes from {:.2} to {:.2}{above}",
         d.sealed.chi2_before, d.sealed.chi2_after
     );
     match d.verdict {
@@ -187,6 +193,11 @@ mod tests {
         assert!(told.contains(expected), "{told}");
         d.structured_sealed = Some([0.1, 0.0]);
         assert!(!sentence(&d).contains("seen"));
+        let told = sentence(&d);
+        let expected = "goes from 3.00 to 1.10, which is 95 % of what noise does not explain there";
+        assert!(told.contains(expected), "{told}");
+        d.sealed.chi2_before = 1.08;
+        assert!(!sentence(&d).contains("there"));
     }
 
     #[test]

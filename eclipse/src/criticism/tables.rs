@@ -124,6 +124,7 @@ fn verdict(d: &Diagnosis, r: &Ranked) -> &'static str {
     match sealed(d, r.id) {
         _ if added => "added to the model",
         _ if stand_in => "the mismatch looks like it",
+        _ if d.finer.contains(&r.id) => "added before effects were compared anew",
         Some(judged) if judged.confirmed => "stands, but explains too little",
         Some(_) => "refused by sealed data",
         None => match r.evidence {

@@ -24,7 +24,7 @@ pub fn ranked(screen: &Screen) -> Vec<Ranked> {
             gain_se: s.gain_se,
             p: s.p,
             size: s.size,
-            size_se: s.size_error(&s.standard_error),
+            size_se: s.size_of(&s.beta, &s.standard_error).1,
             survival: s.survival,
             minimum_detectable: s.minimum_detectable,
             capacity: effects::by_id(s.id).is_some_and(|e| e.is_capacity()),
@@ -80,6 +80,7 @@ pub fn finding(step: &Step<'_>, fit: &Fit, errors: &BTreeMap<&'static str, Vec<f
             place.insert("frames".to_owned(), frames.into());
         }
     }
+    let (size, size_se) = score.size_of(beta, error);
     Finding {
         id: score.id,
         parameters: named(beta),
@@ -88,8 +89,8 @@ pub fn finding(step: &Step<'_>, fit: &Fit, errors: &BTreeMap<&'static str, Vec<f
         sealed_gain_se: gain.error,
         p_holm: choice.p_holm,
         survival: score.survival,
-        size: score.size,
-        size_se: score.size_error(error),
+        size,
+        size_se,
         minimum_detectable: score.minimum_detectable,
         ambiguous_with: without(&choice.ambiguous_with, &step.refused),
         place,
