@@ -140,13 +140,30 @@ pub fn plant(study: &mut Study<'_>, effect: Option<Planted<'_>>) {
 
 /// The same for the values of `fit`.
 pub fn plant_on(study: &mut Study<'_>, fit: &Fit, effect: Option<Planted<'_>>) {
+    plant_all(study, fit, effect.as_slice());
+}
+
+/// The same with several effects, in the order light meets them.
+pub fn plant_all(study: &mut Study<'_>, fit: &Fit, effects: &[Planted<'_>]) {
     let mut values = fit.ideal.clone();
-    if let Some((effect, beta)) = effect {
-        let terms = terms(study, fit, effect);
-        let betas: Vec<f64> = terms.iter().enumerate().map(|(k, t)| beta(k, t)).collect();
-        let link = Link { effect, terms };
-        let mut chain = Chain::new(&[link], study.seen.len()).unwrap();
-        chain.bind(&fit.ideal, &[betas]).unwrap();
+    if !effects.is_empty() {
+        let (mut links, mut betas) = (Vec::new(), Vec::new());
+        for (effect, beta) in effects {
+            let terms = terms(study, fit, *effect);
+            betas.push(
+                terms
+                    .iter()
+                    .enumerate()
+                    .map(|(k, t)| beta(k, t))
+                    .collect::<Vec<f64>>(),
+            );
+            links.push(Link {
+                effect: *effect,
+                terms,
+            });
+        }
+        let mut chain = Chain::new(&links, study.seen.len()).unwrap();
+        chain.bind(&fit.ideal, &betas).unwrap();
         values = chain.values().unwrap();
     }
     let mut stream = SampleKey {

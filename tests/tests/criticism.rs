@@ -14,8 +14,8 @@ use eclipse::criticism::{
     verdict::{self, Grounds},
 };
 use eclipse_tests::planted::{
-    LARGE, LOBE, SMALL, capture, leads, pattern, plant, plant_on, screened, study, terms,
-    true_model, truth,
+    LARGE, LOBE, Planted, SMALL, capture, leads, pattern, plant, plant_all, plant_on, screened,
+    study, terms, true_model, truth,
 };
 
 #[test]
@@ -163,6 +163,42 @@ fn sealed_frames_share_what_was_planted_and_nothing_else() {
     plant_on(&mut study, &fit, Some((effect, &|k, _| [-0.3, -0.1][k])));
     let planted = Structured::in_sealed_frames(&study, &fit).unwrap();
     assert!(planted > 0.5, "{planted}");
+}
+
+/// Texture finer than the model's outweighs a falloff, which is found once the model has room for the texture.
+#[test]
+fn the_search_goes_on_behind_finer_texture() {
+    let capture = capture(1.0, &SMALL);
+    let mut study = study(&capture, LOBE, &SMALL);
+    let fit = truth(&study);
+    let [texture, falloff] = ["finer_albedo", "vignetting"].map(|id| effects::by_id(id).unwrap());
+    let both: [Planted<'_>; 2] = [
+        (texture, &|k, _| 0.5 * pattern(k)),
+        (falloff, &|k, _| [-0.2, -0.07][k]),
+    ];
+    plant_all(&mut study, &fit, &both);
+    let mut first = Fit::start(&study).unwrap();
+    first.refine(&study, 6).unwrap();
+
+    let names = ["vignetting", "finer_albedo"];
+    let search = |fit: &Fit| {
+        let inside = |id: &str| fit.active.iter().any(|a| a.effect.id() == id);
+        let left = names.into_iter().filter(|id| !inside(id));
+        let screen = screen_at(&study, fit, left.filter_map(effects::by_id)).unwrap();
+        let contenders = compete::contenders(&screen);
+        refit::round(&study, fit, &screen.nuisance, contenders, &|_| Ok(())).unwrap()
+    };
+    let coarse = search(&first);
+    let finer = coarse.finer.as_ref().map(|(id, _)| *id);
+    assert_eq!(finer, Some("finer_albedo"), "{:?}", coarse.evidence);
+    let fine = search(coarse.best().unwrap());
+    assert_eq!(fine.evidence[0].0, "vignetting");
+
+    let rounds = [coarse, fine];
+    let opened = confirm::open(&study, &rounds, &mut []).unwrap();
+    assert_eq!(opened.finer, ["finer_albedo"]);
+    let path: Vec<&str> = opened.path.iter().map(|s| s.choice.score.id).collect();
+    assert_eq!(path, ["vignetting"]);
 }
 
 /// From the photographs to the verdict: what the ignored tests below ask of screening alone, on a capture small enough for every day.

@@ -41,8 +41,9 @@ pub struct Contender {
 /// stand-in for physics outside the table.
 ///
 /// Capacity candidates have many numbers for what physics does with few. One of them takes part when it gains more than twice
-/// as much as the best physics: then the physics may be a symptom of a model that is too coarse. A stand-in takes part when it
-/// gains at least half as much, or when nothing else stands up.
+/// as much as the best physics: then the physics may be a symptom of a model that is too coarse; or when it stands up and no physics
+/// does: what the model is too coarse for may hide it. A stand-in takes part when it gains at least half as much as physics, or when
+/// none stands up.
 pub fn contenders(screen: &Screen) -> Vec<Contender> {
     let p: Vec<f64> = screen.scores.iter().map(|s| s.p).collect();
     let corrected = holm(&p);
@@ -55,8 +56,11 @@ pub fn contenders(screen: &Screen) -> Vec<Contender> {
         .collect();
     let most = standing.first().map(|(s, _)| s.gain);
     let unknown = |s: &Score| effects::by_id(s.id).is_some_and(|e| e.stands_for_unknown());
-    let finer = candidates()
-        .find(|(s, _)| capacity(s) && !unknown(s) && most.is_some_and(|most| s.gain > 2.0 * most));
+    let outdoes = |s: &Score, p: f64| match most {
+        Some(most) => s.gain > 2.0 * most,
+        None => stands(s, p, screen),
+    };
+    let finer = candidates().find(|(s, p)| capacity(s) && !unknown(s) && outdoes(s, **p));
     let stand_in = candidates()
         .find(|(s, p)| unknown(s) && stands(s, **p, screen) && s.gain > 0.5 * most.unwrap_or(0.0));
     let contender = |(score, p_holm): (&Score, &f64)| Contender {
