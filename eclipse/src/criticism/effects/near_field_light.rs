@@ -11,7 +11,7 @@ use crate::criticism::{
     horizon::Source, light::Light, observe::Observations, scene::Scene, transport::reflect,
 };
 
-/// Small lamps at finite places around the object, white or of either tint; the number is intensity.
+/// Small white lamps at finite places around the object; the number is intensity.
 pub struct NearFieldLight;
 
 /// Distances that are tried, in radii of the object from its centre.
