@@ -144,10 +144,12 @@ pub struct Sealed {
 const ABOVE_NOISE: f64 = 1.1;
 
 impl Sealed {
-    /// The share of what noise does not explain on sealed values that the effects do, 0 to 1, where there is any.
+    /// The share of what noise does not explain on sealed values that the effects do, 0 to 1; absent where there is none to speak of,
+    /// or where none is left: χ² trusts outliers less, so that it says where noise begins, not that nothing is to be seen.
     pub fn explained(&self) -> Option<f64> {
         let (before, after) = (self.chi2_before, self.chi2_after);
-        (before > ABOVE_NOISE).then(|| ((before - after) / (before - 1.0)).clamp(0.0, 1.0))
+        let told = before > ABOVE_NOISE && after > 1.0;
+        told.then(|| ((before - after) / (before - 1.0)).max(0.0))
     }
 }
 

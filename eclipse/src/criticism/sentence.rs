@@ -196,8 +196,10 @@ mod tests {
         let told = sentence(&d);
         let expected = "goes from 3.00 to 1.10, which is 95 % of what noise does not explain there";
         assert!(told.contains(expected), "{told}");
-        d.sealed.chi2_before = 1.08;
-        assert!(!sentence(&d).contains("there"));
+        for (before, after) in [(1.08, 1.01), (3.0, 0.9)] {
+            (d.sealed.chi2_before, d.sealed.chi2_after) = (before, after);
+            assert!(!sentence(&d).contains("there"), "{before} {after}");
+        }
     }
 
     #[test]
