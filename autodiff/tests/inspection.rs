@@ -1,9 +1,13 @@
 //! What helps to find a mistake: `gradcheck`, strict mode, `explain`.
 
+#[path = "common/operations.rs"]
+#[allow(dead_code)]
+mod operations;
 #[path = "common/steps.rs"]
 mod steps;
 
-use autodiff::{FirstOrderOnly, GradCheck, Graph, Program, Sizes, Var, Workspace};
+use autodiff::{GradCheck, Graph, Program, Sizes, Var, Workspace};
+use operations::Cube;
 use steps::{STEPS, bound};
 
 fn check(record: impl Fn(&Graph, &Var) -> Var) -> autodiff::GradReport {
@@ -24,23 +28,6 @@ fn workspace(program: &Program, x: &[f64]) -> Workspace<f64> {
     let mut ws = program.workspace::<f64>(&sizes).unwrap();
     ws.set("x", x).unwrap();
     ws
-}
-
-/// A cube; `factor` times its slope.
-struct Cube {
-    factor: f64,
-}
-
-impl FirstOrderOnly<1> for Cube {
-    fn name(&self) -> &'static str {
-        "cube"
-    }
-    fn eval(&self, [x]: [f64; 1]) -> f64 {
-        x * x * x
-    }
-    fn partials(&self, [x]: [f64; 1], _: f64) -> [f64; 1] {
-        [self.factor * 3.0 * x * x]
-    }
 }
 
 #[test]

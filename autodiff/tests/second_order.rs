@@ -144,7 +144,7 @@ fn second_derivatives_of_a_first_order_operation_are_refused() {
     let lane = g.domain("lane");
     let x = g.param("x", &lane, 1);
     let program = g
-        .compile(&[("y", &g.custom_first_order(Cube, [&x]))])
+        .compile(&[("y", &g.custom_first_order(Cube { factor: 1.0 }, [&x]))])
         .unwrap();
     let mut ws = program
         .workspace::<f32>(&Sizes::new().lanes("lane", 2))
@@ -169,7 +169,7 @@ fn a_first_order_operation_that_no_gradient_passes_is_no_obstacle() {
     let g = Graph::new();
     let lane = g.domain("lane");
     let x = g.param("x", &lane, 1);
-    let cube = g.custom_first_order(Cube, [&x]);
+    let cube = g.custom_first_order(Cube { factor: 1.0 }, [&x]);
     let held = cube.detach() * x.square();
     let apart = x.exp();
     let program = g

@@ -147,21 +147,12 @@ pub fn plant_on(study: &mut Study<'_>, fit: &Fit, effect: Option<Planted<'_>>) {
 pub fn plant_all(study: &mut Study<'_>, fit: &Fit, effects: &[Planted<'_>]) {
     let mut values = fit.ideal.clone();
     if !effects.is_empty() {
-        let (mut links, mut betas) = (Vec::new(), Vec::new());
-        for (effect, beta) in effects {
-            let terms = terms(study, fit, *effect);
-            betas.push(
-                terms
-                    .iter()
-                    .enumerate()
-                    .map(|(k, t)| beta(k, t))
-                    .collect::<Vec<f64>>(),
-            );
-            links.push(Link {
-                effect: *effect,
-                terms,
-            });
-        }
+        let planted = effects.iter().map(|&(effect, beta)| {
+            let terms = terms(study, fit, effect);
+            let betas: Vec<f64> = terms.iter().enumerate().map(|(k, t)| beta(k, t)).collect();
+            (Link { effect, terms }, betas)
+        });
+        let (links, betas): (Vec<Link>, Vec<Vec<f64>>) = planted.unzip();
         let mut chain = Chain::new(&links, study.seen.len()).unwrap();
         chain.bind(&fit.ideal, &betas).unwrap();
         values = chain.values().unwrap();

@@ -63,8 +63,10 @@ impl LinearMap for Mix {
     }
 }
 
-/// A cube that tells its slope only.
-pub struct Cube;
+/// A cube that tells its slope only, and tells so many times its slope: once is right.
+pub struct Cube {
+    pub factor: f64,
+}
 
 impl FirstOrderOnly<1> for Cube {
     fn name(&self) -> &'static str {
@@ -74,6 +76,6 @@ impl FirstOrderOnly<1> for Cube {
         x * x * x
     }
     fn partials(&self, [x]: [f64; 1], _: f64) -> [f64; 1] {
-        [3.0 * x * x]
+        [self.factor * 3.0 * x * x]
     }
 }

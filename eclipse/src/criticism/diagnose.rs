@@ -193,11 +193,11 @@ pub fn diagnose<'a>(
     let base = physics.filter(|_| named).unwrap_or(0);
     let before = rounds.get(base).map_or(&first, |round| &round.null);
     let after = opened.path.last().map_or(before, |step| step.fit);
-    let errors = if opened.path.is_empty() {
-        BTreeMap::new()
-    } else {
+    let errors = if named {
         report("how sure the numbers are")?;
         certainty::standard_errors(&study, after)?
+    } else {
+        BTreeMap::new()
     };
     let findings: Vec<Finding> = opened
         .path
@@ -234,8 +234,8 @@ pub fn diagnose<'a>(
     };
     let verdict = verdict::verdict(&grounds);
     let moved = moved(before, after);
-    let finer = opened.finer.last().filter(|_| opened.path.is_empty());
-    let looks_like = opened.unknown.or(finer.copied());
+    let detail = opened.finer.last().filter(|_| !named).copied();
+    let looks_like = opened.unknown.or(detail);
     let silhouettes = Silhouettes::of(&study, &simulation.occluders, after);
     let last = opened.path.last().and_then(|step| place(&rounds, step.fit));
     let finer = opened.finer;

@@ -195,7 +195,7 @@ pub struct Diagnosis {
     /// The occluders of the last model, if it has any; a map of each frame is in `occluders.exr`.
     pub occluders: Option<Occluders>,
     /// A stand-in for physics that has no name here and does better than all that has one, or than all that could be added to what was
-    /// found.
+    /// found; else the last of `finer`, where no effect was found behind it.
     pub looks_like: Option<&'static str>,
     /// Capacity candidates that did better than all physics, in order: they joined the model before effects were compared anew.
     pub finer: Vec<&'static str>,

@@ -153,11 +153,10 @@ pub fn screen(study: &Study<'_>, jacobian: &Jacobian, candidates: &[Candidate]) 
             }
         }
     }
-    let reduced = whole;
     let mut scores: Vec<Score> = (0..count)
         .filter(|&k| !candidates[k].terms.is_empty())
         .map(|k| {
-            let (mut beta, system) = solve(&reduced, &layout, Some(k), jacobian, candidates);
+            let (mut beta, system) = solve(&whole, &layout, Some(k), jacobian, candidates);
             let own = Own::new(&system, beta.split_off(layout.always));
             let survival = survival(jacobian, &candidates[k], &own);
             score(&candidates[k], &gains[k], &own, survival)
@@ -280,18 +279,26 @@ fn score(candidate: &Candidate, blocks: &[f64], own: &Own, survival: f64) -> Sco
     }
 }
 
-/// Mean products of the relative changes that the numbers make.
+/// Mean products of the relative changes that the numbers make. Numbers of different frames change different views, so that most
+/// products need not be made where an effect has numbers of every frame.
 fn size_form(candidate: &Candidate) -> Vec<f64> {
-    let units: Vec<(&Vec<f32>, &Term)> = candidate.unit_size.iter().zip(&candidate.terms).collect();
-    let line = |(a, of_a): &(&Vec<f32>, &Term)| -> Vec<f64> {
-        let product = |(b, of_b): &(&Vec<f32>, &Term)| -> f64 {
-            let sum: f64 = a.iter().zip(b.iter()).map(|(a, b)| f64::from(a * b)).sum();
-            sum / (a.len().max(1) as f64 * of_a.scale * of_b.scale)
-        };
-        units.iter().map(product).collect()
+    let (units, terms) = (&candidate.unit_size, &candidate.terms);
+    let product = |i: usize, j: usize| -> f64 {
+        let apart = terms[i].frame.zip(terms[j].frame);
+        if apart.is_some_and(|(a, b)| a != b) {
+            return 0.0;
+        }
+        let pairs = units[i].iter().zip(&units[j]);
+        let sum: f64 = pairs.map(|(a, b)| f64::from(a * b)).sum();
+        sum / (units[i].len().max(1) as f64 * terms[i].scale * terms[j].scale)
     };
-    let lines: Vec<Vec<f64>> = units.par_iter().map(line).collect();
-    lines.concat()
+    let count = terms.len();
+    let halves: Vec<Vec<f64>> = (0..count)
+        .into_par_iter()
+        .map(|i| (0..=i).map(|j| product(i, j)).collect())
+        .collect();
+    let whole = (0..count * count).map(|k| (k / count, k % count));
+    whole.map(|(i, j)| halves[i.max(j)][i.min(j)]).collect()
 }
 
 /// The root of a quadratic form of `beta`, and its standard error.

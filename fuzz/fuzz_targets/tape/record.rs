@@ -136,7 +136,7 @@ pub fn record(steps: &[Step], fitting: bool) -> Result<Recorded, GraphError> {
             }
             50 => {
                 first_order = true;
-                g.custom_first_order(Cube, [&a])
+                g.custom_first_order(Cube { factor: 1.0 }, [&a])
             }
             51 => {
                 let bias = vec![&values[GAIN]; 6 / a.channels().clamp(1, 6)];
