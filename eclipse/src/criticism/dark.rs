@@ -52,6 +52,9 @@ pub fn background(capture: &Capture, floor: f32) -> Vec<Dark> {
                         .map(|&p| f64::from(image.data[3 * p + c]))
                         .collect()
                 });
+                if is_cut_out(&values) {
+                    continue;
+                }
                 let sum: f64 = values.iter().flatten().sum();
                 if sum > 0.2 * object * (3 * pixels.len()) as f64 {
                     bright += 1;
@@ -91,6 +94,12 @@ pub fn background(capture: &Capture, floor: f32) -> Vec<Dark> {
             }
         })
         .collect()
+}
+
+/// Whether nothing was recorded: a sensor has noise, so that a part that is zero throughout was cut out by a program or lies below
+/// what the file holds. Neither says that lens and sensor add no light.
+fn is_cut_out(values: &[Vec<f64>; 3]) -> bool {
+    values.iter().flatten().all(|value| *value == 0.0)
 }
 
 /// The noise of a background whose values below zero were cut off; `None` when they were not, as where values below zero are found.
@@ -161,6 +170,13 @@ mod tests {
 
     /// The mean of the dark background of noisy photographs of nothing but a constant, `kept` as a file keeps values.
     fn mean_of_background(constant: f32, kept: impl Fn(f32) -> f32) -> f32 {
+        let dark = of_constant(constant, kept);
+        assert!(dark.len() > 20);
+        let values = dark.iter().flat_map(|d| d.value);
+        values.sum::<f32>() / (3 * dark.len()) as f32
+    }
+
+    fn of_constant(constant: f32, kept: impl Fn(f32) -> f32) -> Vec<Dark> {
         let camera = Camera::look_at(64, 64, 0.5, Vec3::new(5.0, 0.0, 0.0), Vec3::ZERO);
         let frame = |frame: u32| {
             let mut image = Image::filled(64, 64, 3, 0.0);
@@ -193,10 +209,14 @@ mod tests {
             centre: Vec3::ZERO,
             lamps: None,
         };
-        let dark = background(&capture, 0.0);
-        assert!(dark.len() > 20);
-        let values = dark.iter().flat_map(|d| d.value);
-        values.sum::<f32>() / (3 * dark.len()) as f32
+        background(&capture, 0.0)
+    }
+
+    #[test]
+    fn a_background_that_was_cut_out_says_nothing() {
+        assert!(of_constant(0.0, |_| 0.0).is_empty());
+        // One value that is left of noise is a record.
+        assert!(!of_constant(0.0, |v| (v - NOISE).max(0.0)).is_empty());
     }
 
     #[test]

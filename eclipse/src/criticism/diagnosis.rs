@@ -49,6 +49,8 @@ pub struct Finding {
     pub minimum_detectable: f64,
     /// Effects that explain the data as well.
     pub ambiguous_with: Vec<&'static str>,
+    /// Effects that it is easily taken for in general.
+    pub confused_with: Vec<&'static str>,
     /// Where it acts most.
     #[serde(rename = "where")]
     pub place: BTreeMap<String, serde_json::Value>,
@@ -70,6 +72,7 @@ impl Finding {
             size_se: 0.001,
             minimum_detectable: 0.001,
             ambiguous_with,
+            confused_with: Vec::new(),
             place: BTreeMap::new(),
         }
     }
@@ -96,6 +99,8 @@ pub struct Ranked {
     pub minimum_detectable: f64,
     /// Whether it is capacity rather than physics.
     pub capacity: bool,
+    /// Effects that it is easily taken for in general.
+    pub confused_with: Vec<&'static str>,
     /// Evidence of its refit in the first round, which decides its place in the ranking; absent where there was none.
     pub evidence: Option<f64>,
 }
@@ -289,6 +294,7 @@ impl Ranked {
             survival: 0.5,
             minimum_detectable: 0.006,
             capacity: false,
+            confused_with: Vec::new(),
             evidence: None,
         }
     }

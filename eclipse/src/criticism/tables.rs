@@ -3,7 +3,6 @@
 use super::{
     baselines,
     diagnosis::{Diagnosis, Finding, Judged, Ranked},
-    effects,
     page::escaped,
 };
 
@@ -54,12 +53,8 @@ fn finding(f: &Finding) -> String {
         f.p_holm,
         f.survival,
         percent(f.minimum_detectable),
-        confused(f.id),
+        f.confused_with.join(", "),
     )
-}
-
-fn confused(id: &str) -> String {
-    effects::by_id(id).map_or(String::new(), |e| e.confused_with().join(", "))
 }
 
 /// All effects.
@@ -82,7 +77,7 @@ pub fn ranking(d: &Diagnosis) -> String {
                 r.survival,
                 percent(r.minimum_detectable),
                 verdict(d, r),
-                confused(r.id),
+                r.confused_with.join(", "),
             )
         })
         .collect();

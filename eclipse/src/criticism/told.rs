@@ -28,6 +28,7 @@ pub fn ranked(screen: &Screen) -> Vec<Ranked> {
             survival: s.survival,
             minimum_detectable: s.minimum_detectable,
             capacity: effects::by_id(s.id).is_some_and(|e| e.is_capacity()),
+            confused_with: confused_with(s.id),
             evidence: None,
         })
         .collect()
@@ -93,8 +94,13 @@ pub fn finding(step: &Step<'_>, fit: &Fit, errors: &BTreeMap<&'static str, Vec<f
         size_se,
         minimum_detectable: score.minimum_detectable,
         ambiguous_with: without(&choice.ambiguous_with, &step.refused),
+        confused_with: confused_with(score.id),
         place,
     }
+}
+
+fn confused_with(id: &str) -> Vec<&'static str> {
+    effects::by_id(id).map_or(Vec::new(), |e| e.confused_with().to_vec())
 }
 
 /// Those that would do as well, less those that sealed data have refused.
