@@ -92,6 +92,7 @@ fn diagnosis_json_has_what_is_promised() {
         };
         assert_eq!(names("parameters"), names("standard_errors"));
         assert!(effect["ambiguous_with"].is_array() && effect["where"].is_object());
+        assert!(!effect["confused_with"].as_array().unwrap().is_empty());
     }
     for ranked in d["ranking"].as_array().unwrap() {
         has(ranked, &["id", "gain", "gain_se", "p"]);

@@ -239,7 +239,10 @@ mod tests {
 
     #[test]
     fn what_became_of_every_effect_is_told() {
-        let found = Finding::example("vignetting", vec!["medium"]);
+        let found = Finding {
+            confused_with: vec!["near_field_light"],
+            ..Finding::example("vignetting", vec!["medium"])
+        };
         let mut d = Diagnosis::example(Verdict::Ambiguous, vec![found]);
         let refit = |id, evidence, confirmed: Option<bool>| Refitted {
             after: 0,
