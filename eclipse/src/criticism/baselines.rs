@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 
 use super::{
     compete::LEAST_SIGMA,
+    diagnose::screen_at,
     diagnosis::Ranked,
     effects::{self, Effect},
     fit::{Fit, FitError},
@@ -14,6 +15,8 @@ use super::{
     told::ranked,
 };
 
+/// Nobody, where the simulation has occluders already: these may have swallowed what is looked for.
+pub const NONE: &str = "without the simulation's occluders";
 /// Somebody who turns with the camera, and may step aside.
 pub const SPARSE: &str = "with sparse occluders";
 /// Besides, light taken away from any part of the sky in any frame.
@@ -64,4 +67,23 @@ pub fn screened(
         behind.insert(name.to_owned(), ranked(&again));
     }
     Ok((first, behind))
+}
+
+/// Scores all `effects` at a fit of `steps` steps without the occluders that the simulation has; `None` where it has none.
+///
+/// # Errors
+/// A bug of the tape.
+pub fn without_given(
+    study: &mut Study<'_>,
+    steps: usize,
+    effects: impl Iterator<Item = &'static dyn Effect>,
+) -> Result<Option<Vec<Ranked>>, FitError> {
+    let Some(given) = study.given.take() else {
+        return Ok(None);
+    };
+    let mut bare = Fit::start(study)?;
+    bare.refine(study, steps)?;
+    let scores = screen_at(study, &bare, effects)?;
+    study.given = Some(given);
+    Ok(Some(ranked(&scores)))
 }

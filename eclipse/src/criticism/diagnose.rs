@@ -94,13 +94,20 @@ pub fn diagnose<'a>(
     let light = light_of(capture);
     let candidates = chosen(&options.effects, light)?;
     report("visibility of the surface")?;
-    let study = Study::new(
+    let mut study = Study::new(
         capture,
         simulation,
         options.sites * MANY_FRAMES / capture.frames.len().max(MANY_FRAMES),
         options.rows,
         options.seed,
     )?;
+    let mut behind = BTreeMap::new();
+    if study.given.is_some() {
+        report(baselines::NONE)?;
+        let all = candidates.iter().copied();
+        let none = baselines::without_given(&mut study, BASELINE_STEPS, all)?;
+        behind.extend(none.map(|ranked| (baselines::NONE.to_owned(), ranked)));
+    }
     report("light and texture at their best without any effect")?;
     let mut first = Fit::start(&study)?;
     first.refine(&study, BASELINE_STEPS)?;
@@ -114,7 +121,6 @@ pub fn diagnose<'a>(
     let mut ended_by_time = false;
     let mut ranking = Vec::new();
     let mut refits: Vec<Refitted> = Vec::new();
-    let mut behind = BTreeMap::new();
     let mut longest = 0.0f64;
     loop {
         let fit = rounds.last().and_then(Round::best).unwrap_or(&first);
@@ -124,7 +130,7 @@ pub fn diagnose<'a>(
         let free = free.filter(|e| !fit.active.iter().any(|a| a.effect.id() == e.id()));
         let result = if rounds.is_empty() && light == Light::Environment {
             let (result, of_occluders) = baselines::screened(&study, fit, free)?;
-            behind = of_occluders;
+            behind.extend(of_occluders);
             result
         } else {
             screen_at(&study, fit, free)?

@@ -218,8 +218,8 @@ pub struct Diagnosis {
     pub sentence: String,
     /// All refits, in order.
     pub refits: Vec<Refitted>,
-    /// Screenings under other baselines, by what was in the model, `with sparse occluders` and `with full occluders` among them: gains
-    /// of each effect.
+    /// Screenings under other baselines, by what was in the model, `with sparse occluders`, `with full occluders` and, where the
+    /// simulation has some, `without the simulation's occluders` among them: gains of each effect.
     pub baselines: BTreeMap<String, Vec<Ranked>>,
     /// How far albedo and light moved from the first model to the last (relative RMS).
     pub moved: BTreeMap<String, f64>,

@@ -9,7 +9,7 @@ use super::{
     sealed::{self, Judge, Noise},
 };
 
-/// Gains on sealed patches over the first model.
+/// Gains on sealed data over the first model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Yardstick {
     /// Of the diagnosis's last model.
@@ -20,7 +20,7 @@ pub struct Yardstick {
     pub error: f64,
 }
 
-/// Refits with the effects in `truth`; `None` where none of them is known or there are none.
+/// Refits with the effects in `truth`, one after another as a diagnosis does that finds them; `None` where none of them is known or there are none.
 ///
 /// # Errors
 /// A bug of the tape.
@@ -42,19 +42,17 @@ pub fn yardstick(
     if same {
         told = outcome.after.duplicate(study)?;
     } else {
-        // As many steps as a diagnosis takes that finds them one after another.
-        let steps = refit::STEPS * known.len();
         for effect in known {
-            told.add(effect, Vec::new());
+            told = refit::told(study, &told, effect)?;
         }
-        told.refine(study, steps)?;
     }
-    // Patches alone are looked at.
+    // A sealed frame's own numbers are nobody's prediction: where either model has such, patches alone are looked at.
+    let frames = outcome.after.is_shared() && told.is_shared();
     let none = FrameNumbers::none();
     let gain = |fit: &Fit| {
         let judge = Judge::new(study, &outcome.before, fit, Noise::Estimated);
         let [before, after] = [&outcome.before, fit].map(|fit| judge.errors(study, fit, &none));
-        sealed::gain(study, &before, &after, false)
+        sealed::gain(study, &before, &after, frames)
     };
     let (diagnosed, told) = (gain(&outcome.after), gain(&told));
     Ok(Some(Yardstick {

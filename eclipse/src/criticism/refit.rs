@@ -7,10 +7,11 @@ use std::sync::Arc;
 
 use super::{
     compete::{Choice, Contender},
-    diagnose::DiagnoseError,
-    effects::{self, Term},
+    diagnose::{DiagnoseError, screen_at},
+    effects::{self, Effect, Term},
     fit::Fit,
     nuisance::Nuisance,
+    precision::Precision,
     score::Score,
     study::Study,
 };
@@ -65,13 +66,8 @@ pub fn round(
     report: &dyn Fn(&str) -> Result<(), DiagnoseError>,
 ) -> Result<Round, DiagnoseError> {
     report("refit without any further effect")?;
-    // All begin alike: what numbers of single frames took up for want of a better explanation must not stay.
-    let begin = || -> Result<Fit, DiagnoseError> {
-        let mut fit = fit.duplicate(study)?;
-        fit.forget_frames();
-        fit.precondition(nuisance.clone());
-        Ok(fit)
-    };
+    // All begin alike.
+    let begin = || beginning(study, fit, nuisance);
     let mut null = begin()?;
     null.refine(study, STEPS)?;
     let precision = fit.precision(study, &|i| study.develops(i));
@@ -79,21 +75,7 @@ pub fn round(
     for contender in contenders {
         let score = &contender.score;
         report(&format!("refit with {}", score.id))?;
-        // From the linear estimate or from the null, whichever is closer to the photographs: where light does most of what screening saw,
-        // the estimate without the light's part is far off.
-        let at = |beta: Vec<f64>| -> Result<(Fit, f64), DiagnoseError> {
-            let mut with = begin()?;
-            with.add(effect(score.id)?, beta);
-            with.relink(study)?;
-            let cost = with.cost_under(study, &precision);
-            Ok((with, cost))
-        };
-        let (estimated, null_of_it) = (at(score.beta.clone())?, at(Vec::new())?);
-        let (mut with, _) = if estimated.1 < null_of_it.1 {
-            estimated
-        } else {
-            null_of_it
-        };
+        let mut with = started(study, &begin, &precision, score)?;
         with.refine(study, STEPS)?;
         let evidence = gain(study, &null, &with) - price(&with, score);
         tracing::debug!(id = score.id, evidence, "refit");
@@ -147,6 +129,59 @@ pub fn round(
         unknown,
         evidence,
     })
+}
+
+/// What `begin` makes with one effect more, from the linear estimate or from the null, whichever is closer to the photographs: where
+/// light does most of what screening saw, the estimate without the light's part is far off.
+fn started(
+    study: &Study<'_>,
+    begin: &dyn Fn() -> Result<Fit, DiagnoseError>,
+    precision: &Precision,
+    score: &Score,
+) -> Result<Fit, DiagnoseError> {
+    let at = |beta: Vec<f64>| -> Result<(Fit, f64), DiagnoseError> {
+        let mut with = begin()?;
+        with.add(effect(score.id)?, beta);
+        with.relink(study)?;
+        let cost = with.cost_under(study, precision);
+        Ok((with, cost))
+    };
+    let (estimated, null) = (at(score.beta.clone())?, at(Vec::new())?);
+    let closer = if estimated.1 < null.1 {
+        estimated
+    } else {
+        null
+    };
+    Ok(closer.0)
+}
+
+/// `fit` refitted with an effect that is known to be true, as a round refits a contender.
+///
+/// # Errors
+/// A bug of the tape.
+pub fn told(
+    study: &Study<'_>,
+    fit: &Fit,
+    effect: &'static dyn Effect,
+) -> Result<Fit, DiagnoseError> {
+    let screen = screen_at(study, fit, std::iter::once(effect))?;
+    let begin = || beginning(study, fit, &screen.nuisance);
+    let precision = fit.precision(study, &|i| study.develops(i));
+    let mut with = match screen.scores.first() {
+        Some(score) => started(study, &begin, &precision, score)?,
+        // It has nothing to say of these photographs.
+        None => begin()?,
+    };
+    with.refine(study, STEPS)?;
+    Ok(with)
+}
+
+/// `fit` with nothing kept of what numbers of single frames took up for want of a better explanation.
+fn beginning(study: &Study<'_>, fit: &Fit, nuisance: &Arc<Nuisance>) -> Result<Fit, DiagnoseError> {
+    let mut fit = fit.duplicate(study)?;
+    fit.forget_frames();
+    fit.precondition(nuisance.clone());
+    Ok(fit)
 }
 
 fn effect(id: &str) -> Result<&'static dyn effects::Effect, DiagnoseError> {

@@ -49,7 +49,8 @@ pub struct Study<'a> {
     /// Radius of the object.
     pub radius: f32,
     texture: Arc<Bumps>,
-    given: Option<Given>,
+    /// Occluders that the simulation has.
+    pub given: Option<Given>,
     /// The frames among which some are sealed: none under known lamps.
     parted: usize,
 }

@@ -37,10 +37,10 @@ pub struct Case {
     pub first_gain: [f64; 2],
     /// Gain on sealed data of everything that was found.
     pub sealed_gain: f64,
-    /// That gain over the gain of a refit that was told the truth, both on sealed patches; absent where the latter is not
-    /// three standard errors.
+    /// That gain over the gain of a refit that was told the truth, both on sealed data, on patches alone where either has numbers of
+    /// single frames; absent where the latter is not three standard errors.
     pub gain_over_oracle: Option<f64>,
-    /// Whether a refit that was told the truth gains three standard errors on sealed patches: with less, the recording does not hold
+    /// Whether a refit that was told the truth gains three standard errors on sealed data: with less, the recording does not hold
     /// the effect beyond what light and texture imitate. Absent where nothing known is true.
     pub above_limit: Option<bool>,
     /// χ² a sealed value before and after.

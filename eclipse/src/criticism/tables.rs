@@ -158,44 +158,66 @@ pub fn refits(d: &Diagnosis) -> String {
     )
 }
 
-/// Effects that stand up in the first screening, and what they gain behind occluders.
+/// Effects that stand up in the first screening or, where the simulation has occluders, without these, and what they gain behind
+/// occluders.
 pub fn behind_occluders(d: &Diagnosis) -> String {
-    let behind = [baselines::SPARSE, baselines::FULL].map(|name| d.baselines.get(name));
-    let [Some(sparse), Some(full)] = behind else {
+    let [none, sparse, full] =
+        [baselines::NONE, baselines::SPARSE, baselines::FULL].map(|name| d.baselines.get(name));
+    if none.or(sparse.and(full)).is_none() {
         return String::new();
-    };
+    }
     let sure = |r: &Ranked| r.gain > SURE * r.gain_se;
-    let cell = |r: Option<&Ranked>| match r {
+    let of = |all: Option<&'_ Vec<Ranked>>, id: &str| -> Option<Ranked> {
+        all?.iter().find(|other| other.id == id).cloned()
+    };
+    let rows: String = d
+        .ranking
+        .iter()
+        .filter(|r| !r.capacity)
+        .map(|r| (r, of(none, r.id)))
+        .filter(|(r, bare)| sure(r) || bare.as_ref().is_some_and(sure))
+        .map(|(r, bare)| {
+            let [sparse, full] = [sparse, full].map(|all| of(all, r.id));
+            let told = match [&sparse, &full].map(|r| r.as_ref().is_some_and(sure)) {
+                _ if !sure(r) => "the simulation's occluders do it too",
+                _ if sparse.is_none() => "is the occluder itself",
+                [true, true] => "no occluder does it",
+                [true, false] => "only light taken away anywhere, anew in every frame, does it",
+                [false, _] => "somebody who moves with the camera does it too",
+            };
+            let bare = none.map(|_| cells(bare.as_ref())).unwrap_or_default();
+            let behind = [Some(r), sparse.as_ref(), full.as_ref()]
+                .map(cells)
+                .concat();
+            format!("<tr><td>{}</td>{bare}{behind}<td>{told}</td></tr>", r.id)
+        })
+        .collect();
+    let (as_is, bare, also) = match none {
+        None => ("no occluders", "", ""),
+        Some(_) => (
+            "the simulation's occluders",
+            "<th colspan=\"2\">none</th>",
+            "none, ",
+        ),
+    };
+    format!(
+        "<h2>Behind occluders</h2><p>What effects gain on held-out patches, and the share of their signal that survives, where the model has \
+         {also}{as_is}, besides somebody who moves with the camera, and light taken away from any part of the sky in any frame: such \
+         freedom swallows much, so that an effect that vanishes there is not refuted.</p><table><tr><th>effect</th>{bare}\
+         <th colspan=\"2\">{as_is}</th><th colspan=\"2\">sparse</th><th colspan=\"2\">full</th><th></th></tr>{rows}</table>"
+    )
+}
+
+/// An effect's gain and survival.
+fn cells(r: Option<&Ranked>) -> String {
+    match r {
         None => "<td>–</td><td>–</td>".to_owned(),
         Some(r) => format!(
             "<td>{}</td><td>{:.2}</td>",
             rounded(r.gain, r.gain_se),
             r.survival
         ),
-    };
-    let rows: String = d
-        .ranking
-        .iter()
-        .filter(|r| !r.capacity && sure(r))
-        .map(|r| {
-            let own = [sparse, full].map(|all| all.iter().find(|other| other.id == r.id));
-            let [sparse, full] = own;
-            let told = match own.map(|own| own.is_some_and(sure)) {
-                _ if sparse.is_none() => "is the occluder itself",
-                [true, true] => "no occluder does it",
-                [true, false] => "only light taken away anywhere, anew in every frame, does it",
-                [false, _] => "somebody who moves with the camera does it too",
-            };
-            let cells = [Some(r), sparse, full].map(cell).concat();
-            format!("<tr><td>{}</td>{cells}<td>{told}</td></tr>", r.id)
-        })
-        .collect();
-    format!(
-        "<h2>Behind occluders</h2><p>What effects gain on held-out patches, and the share of their signal that survives, where the model has \
-         no occluders, somebody who moves with the camera, and besides light taken away from any part of the sky in any frame: such \
-         freedom swallows much, so that an effect that vanishes there is not refuted.</p><table><tr><th>effect</th>\
-         <th colspan=\"2\">without</th><th colspan=\"2\">sparse</th><th colspan=\"2\">full</th><th></th></tr>{rows}</table>"
-    )
+    }
 }
 
 #[cfg(test)]
@@ -235,6 +257,27 @@ mod tests {
         assert!(row("exposure_drift").contains("only light taken away"));
         assert!(row("vignetting").contains("does it too"));
         assert!(row("moving_occluder").contains("itself"));
+        assert!(!page.contains("none"), "{page}");
+    }
+
+    #[test]
+    fn what_the_simulations_occluders_swallow_is_told() {
+        let of = |gain| Ranked {
+            gain,
+            ..Ranked::example("exposure_drift")
+        };
+        let mut d = Diagnosis::example(Verdict::NothingMissing, Vec::new());
+        d.ranking = vec![of(1.0)];
+        let named = |gain| (baselines::NONE.to_owned(), vec![of(gain)]);
+        d.baselines = [named(1.0)].into();
+        assert!(!behind_occluders(&d).contains("exposure_drift"));
+        d.baselines = [named(100.0)].into();
+        let page = behind_occluders(&d);
+        assert!(
+            page.contains("the simulation's occluders do it too"),
+            "{page}"
+        );
+        assert!(page.contains("none"), "{page}");
     }
 
     #[test]

@@ -5,7 +5,7 @@ use autodiff::Var;
 use super::{Effect, Recorded, Stage, Term};
 use crate::criticism::scene::Scene;
 
-/// e^{−σ d} and airlight: what is further is dimmer, and paler.
+/// e^{−σ d} and airlight: what is further is dimmer, and paler. Neither is ever negative: no air sharpens.
 pub struct Medium;
 
 impl Effect for Medium {
@@ -35,18 +35,21 @@ impl Effect for Medium {
         // In object radii, from the middle distance: a constant loss is the exposure's.
         let depth = |v: usize| (scene.seen.distance(&scene.seen.views[v]) - middle) / scene.radius;
         let airlight = 0.5 * scene.typical();
-        let mut terms = vec![Term::new(
-            "extinction (per radius of the object)",
-            0.05,
-            scene.on_views(|v| [-depth(v); 3]),
-        )];
+        let mut terms = vec![
+            Term::new(
+                "extinction (per radius of the object)",
+                0.05,
+                scene.on_views(|v| [-depth(v); 3]),
+            )
+            .positive(),
+        ];
         for (c, name) in ["red", "green", "blue"].iter().enumerate() {
             let field = scene.on_views(|v| {
                 let mut rgb = [0.0; 3];
                 rgb[c] = airlight * depth(v);
                 rgb
             });
-            terms.push(Term::new(format!("airlight, {name}"), 0.05, field));
+            terms.push(Term::new(format!("airlight, {name}"), 0.05, field).positive());
         }
         terms
     }
