@@ -130,7 +130,8 @@ impl Camera {
         }
     }
 
-    /// The image place (x, y) in pixels of a world point, unless it is not in front of the camera.
+    /// The image place (x, y) in pixels of a world point, unless it is not in front of the camera or so far aside that the lens model
+    /// has folded over.
     pub fn project(&self, point: Vec3) -> Option<[f32; 2]> {
         let offset = point - self.centre();
         let axes = self.world_from_camera;
@@ -144,7 +145,11 @@ impl Camera {
             Projection::Perspective => depth,
             Projection::Orthographic => 1.0,
         };
-        let d = self.distort(Vec2::new(right, down) / scale).0;
+        let ideal = Vec2::new(right, down) / scale;
+        if ideal.length_squared() > self.fold() {
+            return None;
+        }
+        let d = self.distort(ideal).0;
         Some([
             d.x * self.focal[0] + self.principal[0],
             d.y * self.focal[1] + self.principal[1],
@@ -171,7 +176,25 @@ impl Camera {
         (distorted, jacobian)
     }
 
-    /// The ideal image point of a distorted one, by Newton's method from the distorted point.
+    /// The squared radius of ideal image points at which the lens model folds over: from there on its radial polynomial brings what is
+    /// further aside back into the image. It was fitted to what is within; infinite where it never folds.
+    fn fold(&self) -> f32 {
+        let [k1, k2, ..] = self.distortion.map(f64::from);
+        // Where d/dr (r + k₁r³ + k₂r⁵) = 1 + 3k₁s + 5k₂s² first is zero, s = r²; written so that k₂ → 0 is no special case.
+        let discriminant = 9.0 * k1 * k1 - 20.0 * k2;
+        if discriminant < 0.0 {
+            return f32::INFINITY;
+        }
+        let denominator = -3.0 * k1 + discriminant.sqrt();
+        if denominator > 0.0 {
+            (2.0 / denominator) as f32
+        } else {
+            f32::INFINITY
+        }
+    }
+
+    /// The ideal image point of a distorted one, by Newton's method from the distorted point; the edge of what the lens model images
+    /// for points beyond.
     fn undistort(&self, distorted: Vec2) -> Vec2 {
         if self.distortion == [0.0; 4] {
             return distorted;
@@ -181,7 +204,7 @@ impl Camera {
             let (value, [[a, b], [c, d]]) = self.distort(p);
             let residual = value - distorted;
             let determinant = a * d - b * c;
-            // Where the lens model folds over there is no inverse; the last good point is the best answer.
+            // Where the lens model folds over there is no inverse.
             if determinant.abs() < 1e-6 {
                 break;
             }
@@ -194,13 +217,46 @@ impl Camera {
                 break;
             }
         }
-        p
+        let fold = self.fold();
+        if p.length_squared() <= fold {
+            p
+        } else {
+            fold.sqrt() * distorted.normalize_or_zero()
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_lies_beyond_the_fold_of_a_lens_model_is_not_imaged() {
+        // r − 0.3 r³ turns back at r = 1.054, where it is 0.703.
+        let camera = Camera {
+            focal: [100.0; 2],
+            principal: [100.0; 2],
+            distortion: [-0.3, 0.0, 0.0, 0.0],
+            ..Camera::look_at(200, 200, 0.5, Vec3::Z, Vec3::ZERO)
+        };
+        let aside = |tangent: f32| {
+            let axes = camera.world_from_camera;
+            let right = tangent * axes.x_axis.truncate();
+            camera.project(camera.centre() - axes.z_axis.truncate() + right)
+        };
+        let [x, _] = aside(1.05).unwrap();
+        assert!((x - 170.27).abs() < 0.01, "{x}");
+        // Without the fold this would be imaged in the middle of what is seen.
+        assert_eq!(aside(1.7), None);
+        let far = camera.ray(190.0, 100.0).direction;
+        let edge = camera.ray(170.27, 100.0).direction;
+        assert!(far.distance(edge) < 0.02, "{far} {edge}");
+        let other = Camera {
+            distortion: [0.3, 0.1, 0.0, 0.0],
+            ..camera.clone()
+        };
+        assert_eq!(other.fold(), f32::INFINITY);
+    }
 
     fn camera() -> Camera {
         let eye = Vec3::new(3.0, -2.0, 1.5);

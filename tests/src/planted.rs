@@ -72,13 +72,21 @@ pub fn capture(ceiling: f32, scale: &Scale) -> Capture {
         let eye = 5.0 * Vec3::new(azimuth.cos(), azimuth.sin(), height).normalize();
         Camera::look_at(size, size, 0.5, eye, Vec3::ZERO)
     });
-    painted::capture(heap(), Path::new("heap"), cameras, |point| {
+    let mut capture = painted::capture(heap(), Path::new("heap"), cameras, |point| {
         let light = 0.35 + 0.25 * point.normal.dot(Vec3::new(0.3, -0.8, 0.5));
         [0, 1, 2].map(|c| {
             let wave = (4.0 * point.position[c] + c as f32).sin();
             (light * (0.5 + 0.25 * wave)).min(ceiling)
         })
-    })
+    });
+    for frame in &mut capture.frames {
+        let pixels = frame.image.data.chunks_exact_mut(3).zip(&frame.mask.data);
+        // A background that is zero throughout would pass for one that a program cut out.
+        for (p, (rgb, _)) in pixels.enumerate().filter(|(_, (_, mask))| **mask == 0.0) {
+            rgb.fill(0.002 * pattern(p) as f32);
+        }
+    }
+    capture
 }
 
 /// The gloss of the simulation.

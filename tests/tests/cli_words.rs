@@ -154,9 +154,33 @@ fn a_hold_out_that_holds_nothing_out_is_refused() {
     says(
         &[&common[..], &["--memory", "1"]].concat(),
         3,
-        &["more than the 1 byte allowed"],
+        &[
+            "photographs and masks alone take",
+            "more than the 1 byte allowed",
+        ],
+    );
+    says(
+        &[&common[..], &["--memory", "4MiB"]].concat(),
+        3,
+        &["a run takes about", "more than the 4 MiB allowed"],
     );
     assert!(!out.exists());
+}
+
+#[test]
+fn a_diagnosis_does_not_write_over_occluders_of_somebody_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let own = folder.path().join("occluders.exr");
+    fs::write(&own, "mine").unwrap();
+    let out = text(folder.path());
+    let capture = text(small_capture::on_disk());
+    says(
+        &["diagnose", capture, "--out", out],
+        2,
+        &[text(&own), "of no diagnosis", "--out"],
+    );
+    assert_eq!(fs::read_to_string(&own).unwrap(), "mine");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
 }
 
 #[test]

@@ -3,7 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use super::{Diagnosis, MAX_SAMPLES};
-use crate::{image_io::ImageIoError, mesh_io::MeshIoError, wording::counted};
+use crate::{
+    image_io::ImageIoError,
+    mesh_io::MeshIoError,
+    wording::{amount, counted},
+};
 
 /// Why a capture could not be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -149,6 +153,17 @@ pub enum CaptureError {
         path.display(), *samples as f64 / f64::from(1 << 28)
     )]
     TooManySamples { path: PathBuf, samples: u64 },
+    /// Images that alone would take more memory than the user allows.
+    #[error(
+        "{}: its photographs and masks alone take {} MiB of memory, more than the {} allowed: give --memory several times that (in the \
+         library: `LoadOptions::max_memory`), or use fewer or smaller photographs (--max-size)",
+        path.display(), samples.div_ceil(1 << 18), amount(*allowed)
+    )]
+    NotAllowed {
+        path: PathBuf,
+        samples: u64,
+        allowed: u64,
+    },
     /// An image that cannot be decoded.
     #[error("frame {frame:?}: {source}")]
     Image { frame: String, source: ImageIoError },

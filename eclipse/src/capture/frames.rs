@@ -26,8 +26,16 @@ const KEPT: usize = 4;
 /// Samples that are decoded at once, 1 GiB as floats; more, where a frame alone has more. What is kept of them is less.
 const AT_ONCE: u64 = 1 << 28;
 
-/// How photographs are read: how they store colours, and the longest side that is kept of them.
-pub(super) type Reading = (Option<ColorEncoding>, Option<usize>);
+/// How photographs are read.
+#[derive(Clone, Copy)]
+pub(super) struct Reading {
+    /// How they store colours, where that is not by their type.
+    pub encoding: Option<ColorEncoding>,
+    /// The longest side that is kept of them.
+    pub max_size: Option<usize>,
+    /// Bytes that all may take as floats.
+    pub max_memory: u64,
+}
 
 /// Reads every frame, in the order of `transforms`.
 pub(super) fn load(
@@ -38,19 +46,21 @@ pub(super) fn load(
 ) -> Result<Vec<Frame>, CaptureError> {
     let entries = &transforms.frames;
     let names = names::of(json, entries)?;
-    let samples = samples((folder, json), entries, reading.1);
-    check_samples(json, &samples)?;
+    let samples = samples((folder, json), entries, reading.max_size);
+    check_samples(json, &samples, reading.max_memory)?;
     // In order, whatever the timing.
-    let read = batches(&samples, AT_ONCE).into_iter().flat_map(|batch| {
-        let read: Vec<Result<_, CaptureError>> = names[batch.clone()]
-            .par_iter()
-            .zip(&entries[batch])
-            .map(|(name, entry)| {
-                load_frame((folder, json), transforms, name.clone(), entry, reading)
-            })
-            .collect();
-        read
-    });
+    let read = batches(&samples, AT_ONCE.min(reading.max_memory / 4))
+        .into_iter()
+        .flat_map(|batch| {
+            let read: Vec<Result<_, CaptureError>> = names[batch.clone()]
+                .par_iter()
+                .zip(&entries[batch])
+                .map(|(name, entry)| {
+                    load_frame((folder, json), transforms, name.clone(), entry, reading)
+                })
+                .collect();
+            read
+        });
     let (frames, sizes): (Vec<Frame>, Vec<[usize; 2]>) = all_good(json, read)?.into_iter().unzip();
     same_sizes((folder, json), transforms, &frames, &sizes)?;
     Ok(frames)
@@ -98,14 +108,20 @@ fn samples(
 }
 
 /// Refuses photographs and masks of more samples than may be kept, before any of them is decoded.
-fn check_samples(json: &Path, samples: &[Samples]) -> Result<(), CaptureError> {
+fn check_samples(json: &Path, samples: &[Samples], allowed: u64) -> Result<(), CaptureError> {
     let samples: u64 = samples.iter().map(|samples| samples.kept).sum();
-    if samples <= MAX_SAMPLES {
+    if samples <= MAX_SAMPLES && 4 * samples <= allowed {
         return Ok(());
     }
-    Err(CaptureError::TooManySamples {
-        path: json.into(),
-        samples,
+    let path = json.into();
+    Err(if samples > MAX_SAMPLES {
+        CaptureError::TooManySamples { path, samples }
+    } else {
+        CaptureError::NotAllowed {
+            path,
+            samples,
+            allowed,
+        }
     })
 }
 
@@ -130,7 +146,9 @@ fn load_frame(
     transforms: &Transforms,
     name: String,
     entry: &TransformsFrame,
-    (encoding, max_size): Reading,
+    Reading {
+        encoding, max_size, ..
+    }: Reading,
 ) -> Result<(Frame, [usize; 2]), CaptureError> {
     let intrinsics = entry.intrinsics.or(&transforms.intrinsics);
     let at = At {

@@ -31,7 +31,7 @@ pub(crate) use write::vacant;
 pub use write::{write, write_with};
 
 use crate::{
-    capture::{error::At, paths::Folder, transforms::Transforms},
+    capture::{error::At, frames::Reading, paths::Folder, transforms::Transforms},
     image_io::ColorEncoding,
     mesh_io::{MeshIoError, MeshParseError, read_mesh},
 };
@@ -88,6 +88,9 @@ pub struct LoadOptions {
     pub max_size: Option<usize>,
     /// Where the photographs of a COLMAP model lie, in place of its own `images`: in the folder of the capture, or anywhere else.
     pub images: Option<PathBuf>,
+    /// Bytes that photographs and masks may take together as floats, counted as [`MAX_SAMPLES`] are, which they never exceed; about as
+    /// many are decoded at once.
+    pub max_memory: u64,
     /// Least median overlap (intersection over union) of the mesh's silhouettes with the masks; 0 switches the check off.
     pub min_overlap: f32,
 }
@@ -101,6 +104,7 @@ impl Default for LoadOptions {
             up: UpAxis::Z,
             max_size: None,
             images: None,
+            max_memory: 4 * MAX_SAMPLES,
             min_overlap: 0.8,
         }
     }
@@ -194,7 +198,11 @@ impl Capture {
             None => own_mesh(&folder, options.mesh.as_deref(), &described, &transforms)?,
         };
         let encoding = options.color_encoding.or(transforms.color_encoding);
-        let reading = (encoding, options.max_size);
+        let reading = Reading {
+            encoding,
+            max_size: options.max_size,
+            max_memory: options.max_memory,
+        };
         let mut frames = frames::load(&folder, &described, &transforms, reading)?;
 
         let names = frames.iter().map(|frame| &*frame.name);

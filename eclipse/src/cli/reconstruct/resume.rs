@@ -48,7 +48,10 @@ impl Chosen {
     /// What the capture is loaded with.
     pub fn options(&self, arguments: &ReconstructArguments) -> LoadOptions {
         let mesh = self.settings.mesh.as_deref();
-        let options = arguments.reading.options(mesh);
+        let options = LoadOptions {
+            max_memory: self.settings.memory,
+            ..arguments.reading.options(mesh)
+        };
         self.reading.clone().into_options(options)
     }
 
