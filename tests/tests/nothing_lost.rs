@@ -26,9 +26,15 @@ fn reconstruct(out: &Path) -> Command {
 }
 
 fn run_of(steps: &str, out: &Path) -> Command {
+    run_with(&["--lambertian", "--iterations", steps], out)
+}
+
+/// The same with other options.
+fn run_with(options: &[&str], out: &Path) -> Command {
     let mut command = Command::new(PROGRAM);
-    command.args(["reconstruct", text(capture()), "--lambertian", "--json"]);
-    command.args(["--iterations", steps, "--threads", "2", "--out", text(out)]);
+    command.args(["reconstruct", text(capture()), "--json"]);
+    command.args(options);
+    command.args(["--threads", "2", "--out", text(out)]);
     let begun = ["checkpoint.bin", "checkpoint.prev.bin"]
         .iter()
         .any(|name| out.join(name).is_file());
@@ -75,7 +81,10 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 
 /// Every file is there, none is half-written, and all that does not tell the time is the same.
 fn assert_like_undisturbed(out: &Path) {
-    let whole = undisturbed().0.path();
+    assert_same(undisturbed().0.path(), out);
+}
+
+fn assert_same(whole: &Path, out: &Path) {
     assert_eq!(files(out).len(), files(whole).len(), "{:?}", files(out));
     let mut compared = 0;
     for path in files(whole) {
@@ -124,6 +133,38 @@ fn a_run_killed_at_any_moments_ends_like_one_that_never_was() {
         assert!(killed > 0, "no run was killed in round {round}");
         finish(&out);
         assert_like_undisturbed(&out);
+    }
+}
+
+#[test]
+fn whatever_is_fitted_a_killed_run_ends_like_one_that_never_was() {
+    let kinds: [&[&str]; 3] = [
+        &["--iterations", "2"],
+        &["--iterations", "2", "--with", "exposure_drift,vignetting"],
+        &["--preset", "paper", "--iterations", "6"],
+    ];
+    for (round, options) in kinds.into_iter().enumerate() {
+        let folder = tempfile::tempdir().unwrap();
+        let [whole, out] = ["whole", "out"].map(|name| folder.path().join(name));
+        let end = |out: &Path| {
+            let output = run_with(options, out).output().unwrap();
+            assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        };
+        let began = Instant::now();
+        end(&whole);
+        let took = began.elapsed();
+        let mut killed = 0;
+        for share in [0.8, 0.5, 0.3, 0.1] {
+            let mut child = run_with(options, &out).spawn().unwrap();
+            std::thread::sleep(took.mul_f64(share - 0.05 * round as f64));
+            if child.try_wait().unwrap().is_none() {
+                kill(child);
+                killed += 1;
+            }
+        }
+        assert!(killed > 0, "no run with {options:?} was killed");
+        end(&out);
+        assert_same(&whole, &out);
     }
 }
 

@@ -5,9 +5,15 @@ use autodiff::Var;
 use super::{Effect, Recorded, Stage, Term};
 use crate::criticism::scene::Scene;
 
-/// Above a knee only the share 1 − β of a value's excess is recorded; the field holds the knee.
+/// Above a knee only the share 1 − β of a value's excess is recorded; the field holds the knee. Several make a soft one.
 pub struct Clipping;
 
+/// Where a soft knee bends, as shares of the largest value: from a hard end of the range to a film's shoulder.
+const KNEES: [(&str, f32); 3] = [
+    ("at the largest value", 0.99),
+    ("below it", 0.9),
+    ("well below it", 0.75),
+];
 /// Share of the object's values that must crowd within two per cent below the largest before a knee is suspected there.
 const CROWD: f64 = 0.004;
 
@@ -48,7 +54,7 @@ impl Effect for Clipping {
         if crowd < CROWD * values.len() as f64 {
             return Vec::new();
         }
-        [("at the largest value", 0.99), ("below it", 0.9)]
+        KNEES
             .into_iter()
             .map(|(name, share)| {
                 let field = vec![share * top; scene.size()];
