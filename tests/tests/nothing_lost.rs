@@ -140,7 +140,14 @@ fn a_run_killed_at_any_moments_ends_like_one_that_never_was() {
 fn whatever_is_fitted_a_killed_run_ends_like_one_that_never_was() {
     let kinds: [&[&str]; 3] = [
         &["--iterations", "2"],
-        &["--iterations", "2", "--with", "exposure_drift,vignetting"],
+        &[
+            "--iterations",
+            "2",
+            "--hold-out",
+            "4",
+            "--occluder-prior",
+            "none",
+        ],
         &["--preset", "paper", "--iterations", "6"],
     ];
     for (round, options) in kinds.into_iter().enumerate() {

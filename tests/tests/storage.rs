@@ -108,6 +108,51 @@ fn a_full_disk_ends_with_one_message_and_no_half_files() {
 }
 
 #[test]
+fn a_full_disk_ends_every_command_with_one_message_and_no_half_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let [whole, out, mesh] = ["whole", "out", "m.obj"].map(|name| folder.path().join(name));
+    let capture = text(small_capture::on_disk());
+    let short = ["--lambertian", "--iterations", "1", "--out", text(&whole)];
+    let run = Command::new(PROGRAM)
+        .args(["reconstruct", capture])
+        .args(short)
+        .output()
+        .unwrap();
+    assert_eq!(run.status.code(), Some(0), "{}", stderr(&run));
+    let map = whole.join("environment.exr");
+    fs::write(&mesh, "v -1 -1 0\nv 1 -1 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let before = results(&whole);
+    let commands: [&[&str]; 5] = [
+        &["inspect", capture],
+        &["relight", text(&whole), "--environment", text(&map)],
+        &["export", text(&whole), "--for", "blender"],
+        &["study", "theory", "--glance"],
+        &[
+            "synthesize",
+            "--mesh",
+            text(&mesh),
+            "--environment",
+            text(&map),
+        ],
+    ];
+    for arguments in commands {
+        let output = on_a_full_disk(4, &[arguments, &["--out", text(&out)]].concat());
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {message}");
+        let errors = message.lines().filter(|line| line.starts_with("error: "));
+        assert_eq!(errors.count(), 1, "{arguments:?}: {message}");
+        let left = files(&out);
+        let half = left.iter().any(|name| name.starts_with(".writing-"));
+        assert!(!half, "{arguments:?}: {left:?}");
+        // A page comes last: where it is there, all that it shows is.
+        let page = left.iter().any(|name| name.ends_with(".html"));
+        assert!(!page, "{arguments:?}: {left:?}");
+        fs::remove_dir_all(&out).ok();
+    }
+    assert!(results(&whole) == before, "what they read was touched");
+}
+
+#[test]
 fn a_run_that_met_a_full_disk_ends_like_one_that_never_did() {
     let folder = tempfile::tempdir().unwrap();
     let (whole, out) = (folder.path().join("whole"), folder.path().join("out"));

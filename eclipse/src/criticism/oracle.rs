@@ -20,7 +20,8 @@ pub struct Yardstick {
     pub error: f64,
 }
 
-/// Refits with the effects in `truth`, one after another as a diagnosis does that finds them; `None` where none of them is known or there are none.
+/// Refits with the effects in `truth`, one after another as a diagnosis does that finds them; `None` where none of them is known or
+/// there are none.
 ///
 /// # Errors
 /// A bug of the tape.
