@@ -118,7 +118,7 @@ pub fn diagnose<'a>(
     }
 
     let mut rounds: Vec<Round> = Vec::new();
-    let mut ended_by_time = false;
+    let (mut ended_by_time, mut trifle) = (false, None);
     let mut ranking = Vec::new();
     let mut refits: Vec<Refitted> = Vec::new();
     let mut longest = 0.0f64;
@@ -184,6 +184,10 @@ pub fn diagnose<'a>(
             evidence,
             sealed: None,
         }));
+        trifle = round.trifle(&rounds);
+        if trifle.is_some() {
+            break;
+        }
         let ends = round.best().is_none();
         rounds.push(round);
         if ends {
@@ -275,7 +279,7 @@ pub fn diagnose<'a>(
         baselines: behind,
         moved,
         command: None,
-        assumptions: assumptions(capture, light, &study, ended_by_time),
+        assumptions: assumptions(capture, light, &study, ended_by_time, trifle),
         structured: structured.map(Structured::all),
         background: structured.map(|s| s.background),
         structured_sealed: structured_sealed.map(|(before, after)| [before, after]),

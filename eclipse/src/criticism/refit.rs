@@ -23,6 +23,10 @@ pub const STEPS: usize = 12;
 /// everything that physics says with few, and comes close to any truth. A third of it must be left unsaid.
 const FAR_BETTER: f64 = 1.5;
 
+/// Evidence of a later effect, as a share of that of the strongest before it, below which it is not named: no effect's few numbers are the
+/// truth's own, and where the first one's errs by a quarter of its amplitude, a sixteenth of what it gains is left for others to take.
+const TRIFLE: f64 = 1.0 / 16.0;
+
 /// What refits say.
 pub struct Round {
     /// The model without any effect more, refitted just as long.
@@ -43,6 +47,18 @@ pub struct Round {
 }
 
 impl Round {
+    /// The physics that does best, where it does no more than make up for what the models of physics in `former` rounds may leave.
+    pub fn trifle(&self, former: &[Self]) -> Option<&'static str> {
+        let own = |round: &Self| {
+            let (best, _) = round.standing.first()?;
+            let mut all = round.evidence.iter().copied();
+            all.find(|(id, _)| *id == best.score.id)
+        };
+        let former = former.iter().filter_map(own).map(|(_, evidence)| evidence);
+        let (id, evidence) = own(self).filter(|_| self.unknown.is_none())?;
+        is_trifle(evidence, former).then_some(id)
+    }
+
     /// The model from which the search goes on, unless there is nothing left to look for: nothing is looked for beside what no name
     /// is known for.
     pub fn best(&self) -> Option<&Fit> {
@@ -184,6 +200,10 @@ fn beginning(study: &Study<'_>, fit: &Fit, nuisance: &Arc<Nuisance>) -> Result<F
     Ok(fit)
 }
 
+fn is_trifle(evidence: f64, former: impl Iterator<Item = f64>) -> bool {
+    evidence < TRIFLE * former.fold(0.0, f64::max)
+}
+
 fn effect(id: &str) -> Result<&'static dyn effects::Effect, DiagnoseError> {
     effects::by_id(id).ok_or_else(|| DiagnoseError::Unknown(id.to_owned()))
 }
@@ -225,4 +245,16 @@ fn price(fit: &Fit, score: &Score) -> f64 {
         2.0 * (term.scale / error.max(1e-12)).max(1.0).ln()
     };
     link.terms.iter().enumerate().map(price).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_first_effect_may_leave_is_no_second_one() {
+        assert!(!is_trifle(5.0, [].into_iter()));
+        assert!(is_trifle(100.0, [4000.0, 90.0].into_iter()));
+        assert!(!is_trifle(300.0, [4000.0, 90.0].into_iter()));
+    }
 }

@@ -136,6 +136,7 @@ pub fn assumptions(
     light: Light,
     study: &Study<'_>,
     ended_by_time: bool,
+    trifle: Option<&str>,
 ) -> Vec<String> {
     let mut all = Vec::new();
     if ended_by_time {
@@ -143,6 +144,12 @@ pub fn assumptions(
             "The time limit ended the search while effects were left to compare: more may be missing than what is said; give a longer \
              --time-limit.".into(),
         );
+    }
+    if let Some(id) = trifle {
+        all.push(format!(
+            "{id} would explain a little more, but no more than what the effects before it may have left, whose models are never quite \
+             true: it is not named."
+        ));
     }
     if light == Light::Lamps {
         all.push("One distant lamp a frame, with the direction and the strength that the capture says, and no other light.".into());
