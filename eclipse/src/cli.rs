@@ -23,7 +23,7 @@ pub use labels::{Label, LabelsError, parse_labels};
 pub use log::log;
 use std::{
     ffi::OsString,
-    io::{self, Write},
+    io::{self, IsTerminal, Write},
     path::Path,
     process::ExitCode,
     sync::{
@@ -213,6 +213,10 @@ fn stop_on_interrupt() -> Result<&'static AtomicBool, Failure> {
             if STOP.swap(true, Ordering::Relaxed) {
                 progress::restore();
                 std::process::exit(Outcome::Interrupted as i32);
+            }
+            // A step may take a while: whoever waits should know that the key was heard.
+            if io::stderr().is_terminal() {
+                eprintln!("\rstopping at the end of this step; Ctrl-C again ends at once");
             }
         });
     });

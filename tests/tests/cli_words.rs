@@ -168,6 +168,44 @@ fn a_hold_out_that_holds_nothing_out_is_refused() {
 }
 
 #[test]
+fn a_diagnosis_takes_no_reconstruction_of_another_capture() {
+    let folder = tempfile::tempdir().unwrap();
+    let [whole, other, out] = ["whole", "other", "out"].map(|name| folder.path().join(name));
+    let capture = small_capture::on_disk();
+    let short = ["--lambertian", "--iterations", "1", "--out", text(&whole)];
+    let run = eclipse(&[&["reconstruct", text(capture)], &short[..]].concat());
+    assert_eq!(run.status.code(), Some(0), "{}", stderr(&run));
+    // As many photographs of the same sizes, two of them in each other's place.
+    fs::create_dir(&other).unwrap();
+    for entry in fs::read_dir(capture).unwrap() {
+        let path = entry.unwrap().path();
+        let name = match path.file_name().unwrap().to_str().unwrap() {
+            "000.exr" => "001.exr".to_owned(),
+            "001.exr" => "000.exr".to_owned(),
+            name => name.to_owned(),
+        };
+        if path.is_file() {
+            fs::copy(&path, other.join(name)).unwrap();
+        }
+    }
+    let diagnose = |reconstruction: &Path, parts: &[&str]| {
+        let given = [
+            "--reconstruction",
+            text(reconstruction),
+            "--out",
+            text(&out),
+        ];
+        says(
+            &[&["diagnose", text(&other)], &given[..]].concat(),
+            3,
+            parts,
+        );
+    };
+    diagnose(&whole, &[text(&whole), "from another capture"]);
+    diagnose(&folder.path().join("nowhere"), &["nowhere is no folder"]);
+}
+
+#[test]
 fn a_diagnosis_does_not_write_over_occluders_of_somebody_else() {
     let folder = tempfile::tempdir().unwrap();
     let own = folder.path().join("occluders.exr");

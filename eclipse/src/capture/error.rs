@@ -80,6 +80,16 @@ pub enum CaptureError {
          give each frame its `lamp` (`direction`, `strength`), or use a perspective camera of a long focal length", path.display()
     )]
     OrthographicLight { path: PathBuf },
+    /// A frame that names no file.
+    #[error(
+        "{}: `frames[{index}].file_path` is {file_path:?}, which names no file; expected the photograph's, relative to the folder",
+        path.display()
+    )]
+    NamelessFrame {
+        path: PathBuf,
+        index: usize,
+        file_path: String,
+    },
     /// Two entries for one photograph.
     #[error("{}: `frames` names {file_path:?} twice; remove or rename one of the two", path.display())]
     DuplicateFrame { path: PathBuf, file_path: String },

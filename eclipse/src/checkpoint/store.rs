@@ -65,6 +65,12 @@ pub fn is_in(folder: &Path) -> bool {
         .any(|name| folder.join(name).is_file())
 }
 
+/// Whether the run in `folder` was one of this capture; `None` where it left no good checkpoint.
+pub fn is_of(folder: &Path, capture: &Capture) -> Option<bool> {
+    let begun = load(folder).ok()?;
+    Some(begun.capture == fingerprint(capture))
+}
+
 /// Reads the latest checkpoint of `folder`, or its predecessor when the latest is missing or damaged.
 ///
 /// # Errors

@@ -24,6 +24,7 @@ use super::{
 };
 use crate::{
     capture::{Capture, LoadOptions},
+    checkpoint,
     control::Control,
     criticism::{self, DiagnoseError, Diagnosis, Options, Simulation, page, silhouette},
     joint, layout,
@@ -64,7 +65,7 @@ pub(super) struct DiagnoseArguments {
     #[arg(long, value_name = "TIME", allow_hyphen_values = true, value_parser = units::duration, default_value = "8m")]
     pub time_limit: f64,
     /// Effects to try, separated by commas [default: all].
-    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = units::trimmed)]
     pub effects: Vec<String>,
     /// Mesh to use in place of the capture's own.
     #[arg(long, value_name = "FILE")]
@@ -156,6 +157,24 @@ fn reading(arguments: &DiagnoseArguments) -> Result<LoadOptions, Failure> {
     Ok(typed.or(Reading::told(&kept)).into_options(options))
 }
 
+/// Refuses what was reconstructed of another capture: its renders would be blamed on physics.
+fn of_this_capture(folder: &Path, capture: &Capture) -> Result<(), Failure> {
+    if !folder.is_dir() {
+        return Err(Failure::bad_input(format!(
+            "--reconstruction {} is no folder; name one that reconstruct wrote",
+            folder.display()
+        )));
+    }
+    match checkpoint::is_of(folder, capture) {
+        Some(false) => Err(Failure::bad_input(format!(
+            "{} was reconstructed from another capture, or from this one with other photographs, cameras, masks, mesh or axes than now: \
+             name a reconstruction of this capture, or leave out --reconstruction",
+            folder.display()
+        ))),
+        _ => Ok(()),
+    }
+}
+
 /// Diagnoses a capture; `None` when interrupted before there was anything to say. An occluder's outline, which comes last, is left
 /// out then.
 pub(super) fn diagnose(
@@ -199,7 +218,10 @@ pub(super) fn diagnose(
         (Some(lamps), None) => {
             Simulation::under_lamps(&capture, lamps).map_err(Failure::bad_input)?
         }
-        (None, Some(folder)) => Simulation::load(folder, &capture).map_err(Failure::bad_input)?,
+        (None, Some(folder)) => {
+            of_this_capture(folder, &capture)?;
+            Simulation::load(folder, &capture).map_err(Failure::bad_input)?
+        }
         (None, None) => {
             report("reconstructing without occluders");
             let reconstructing = Instant::now();

@@ -102,7 +102,7 @@ pub(super) struct ReconstructArguments {
     #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = units::at_least::<2>)]
     pub hold_out: Option<u64>,
     /// Effects of the camera to fit jointly: exposure_drift, vignetting, black_level, response_curve, veiling_glare.
-    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = units::trimmed)]
     pub with: Vec<String>,
     #[command(flatten)]
     pub reading: ReadingArguments,

@@ -78,6 +78,11 @@ pub(super) fn bytes(count: u64) -> String {
     }
 }
 
+/// A name of a list, without the spaces around it.
+pub(super) fn trimmed(text: &str) -> Result<String, std::convert::Infallible> {
+    Ok(text.trim().to_owned())
+}
+
 /// A whole number from `LEAST`.
 pub(super) fn at_least<const LEAST: u64>(text: &str) -> Result<u64, String> {
     let value = text.parse().ok().filter(|value| *value >= LEAST);

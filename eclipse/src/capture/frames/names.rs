@@ -21,6 +21,13 @@ pub(super) fn of(json: &Path, entries: &[TransformsFrame]) -> Result<Vec<String>
         .iter()
         .map(|entry| parts(&entry.file_path))
         .collect();
+    if let Some(index) = paths.iter().position(Vec::is_empty) {
+        return Err(CaptureError::NamelessFrame {
+            path: json.into(),
+            index,
+            file_path: entries[index].file_path.clone(),
+        });
+    }
     let last = |path: &[String]| path.last().cloned().unwrap_or_default();
     let joined = |path: &[String]| path.join("_");
     let bare = |name: String| stem(&name).to_owned();
@@ -95,7 +102,11 @@ mod tests {
     fn one_file_cannot_be_two_frames_and_no_file_none() {
         let error = names(&["b.png", "a.png", "./a.png"]).unwrap_err();
         assert!(error.contains("names \"./a.png\" twice"), "{error}");
-        assert!(names(&["a.png", ""]).is_err());
+        let error = names(&["a.png", ""]).unwrap_err();
+        assert!(
+            error.contains("`frames[1].file_path` is \"\", which names no file"),
+            "{error}"
+        );
         assert!(names(&["..", "a.png"]).is_err());
     }
 }
