@@ -5,15 +5,12 @@ use autodiff::Var;
 use super::{Effect, Recorded, Stage, Term};
 use crate::criticism::scene::Scene;
 
-/// Above a knee only the share 1 − β of a value's excess is recorded; the field holds the knee. Several make a soft one.
+/// Above a knee only the share 1 − β of a value's excess is recorded; the field holds the knee. Two make a soft one.
 pub struct Clipping;
 
-/// Where a soft knee bends, as shares of the largest value: from a hard end of the range to a film's shoulder.
-const KNEES: [(&str, f32); 3] = [
-    ("at the largest value", 0.99),
-    ("below it", 0.9),
-    ("well below it", 0.75),
-];
+/// Where a soft knee bends, as shares of the largest value. A third at three quarters of it kept refits from converging: of a hard end of
+/// the range their evidence fell to a half.
+const KNEES: [(&str, f32); 2] = [("at the largest value", 0.99), ("below it", 0.9)];
 /// Share of the object's values that must crowd within two per cent below the largest before a knee is suspected there.
 const CROWD: f64 = 0.004;
 
