@@ -11,7 +11,7 @@ use std::{collections::BTreeMap, path::PathBuf};
 use crate::{files::remedy, reconstruction::CurvePoint, settings::Settings, wording::amount};
 
 pub use codec::{decode, encode};
-pub use store::{fingerprint, is_in, is_of, load, save};
+pub use store::{fingerprint, is_in, is_of, load, passed_over, save};
 
 /// Everything a solver needs to go on as if it had never stopped.
 ///

@@ -54,7 +54,7 @@ pub enum Outcome {
     Usage = 2,
     /// The input was bad.
     BadInput = 3,
-    /// Interrupted, with everything saved.
+    /// Interrupted; what was found until then is saved.
     Interrupted = 130,
 }
 

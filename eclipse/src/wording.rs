@@ -21,8 +21,8 @@ pub fn amount(bytes: u64) -> String {
     }
 }
 
-/// What photographs can tell of the light at best, and what follows: shares of the variation between parts of `texel` degrees that
-/// are left unknown with somebody behind each camera and with nobody there.
+/// What photographs can tell of the light at best, and what follows, from the shares of the variation between parts of `texel` degrees
+/// that are left unknown with somebody behind each camera and with nobody there.
 pub fn told_of_light(texel: f64, with_somebody: f64, with_nobody: f64) -> String {
     let follows = if with_somebody > HARDLY {
         "hardly anything can be found of it"
@@ -32,10 +32,10 @@ pub fn told_of_light(texel: f64, with_somebody: f64, with_nobody: f64) -> String
         "much of it shows without anybody's shadow"
     };
     format!(
-        "all but {:.0} % of what sets parts of {texel:.0}° apart can be told at best with somebody behind each camera, all but {:.0} % with \
-         nobody there: {follows}",
-        100.0 * with_somebody,
-        100.0 * with_nobody
+        "at best {:.0} % of what sets parts of {texel:.0}° apart can be told with somebody behind each camera, {:.0} % with nobody there: \
+         {follows}",
+        100.0 * (1.0 - with_somebody),
+        100.0 * (1.0 - with_nobody)
     )
 }
 
@@ -57,7 +57,7 @@ mod tests {
         assert!(follows(0.5, 0.99).ends_with("that tell it"));
         assert!(follows(0.5, 0.6).ends_with("without anybody's shadow"));
         assert!(follows(0.99, 0.99).contains("hardly anything"));
-        assert!(follows(0.5, 0.99).starts_with("all but 50 % of what sets parts of 22° apart"));
+        assert!(follows(0.5, 0.99).starts_with("at best 50 % of what sets parts of 22° apart"));
     }
 
     #[test]

@@ -105,6 +105,23 @@ fn units_are_named_even_when_the_mesh_swallows_the_cameras() {
 }
 
 #[test]
+fn factors_of_no_unit_are_measured_and_the_focal_length_is_suspected_as_well() {
+    for factor in [0.43, 0.5, 1.7, 2.0] {
+        assert_names(&on_mesh(|p| p / factor), "the mesh is seen");
+        let message = message(|capture| {
+            for frame in &mut capture.frames {
+                frame.camera.focal = frame.camera.focal.map(|f| f / factor);
+            }
+        });
+        assert_names(&message, "the mesh is seen");
+        let words = message.split("scale the mesh by ").nth(1).unwrap();
+        let told: f32 = words.split(',').next().unwrap().parse().unwrap();
+        assert!((told / factor - 1.0).abs() < 0.1, "{factor}: {message}");
+        assert!(message.contains("focal length"), "{message}");
+    }
+}
+
+#[test]
 fn camera_conventions_are_named() {
     assert_names(
         &on_cameras(|pose| pose * flip()),

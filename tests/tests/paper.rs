@@ -1,13 +1,16 @@
 //! The `paper` preset: its optimiser, that it learns, and that neither threads nor interruptions change a bit of it.
 
-use std::sync::{
-    Mutex,
-    atomic::{AtomicBool, Ordering},
+use std::{
+    collections::BTreeMap,
+    sync::{
+        Mutex,
+        atomic::{AtomicBool, Ordering},
+    },
 };
 
 use eclipse::{
     capture::{Capture, Frame},
-    checkpoint::{Checkpoint, decode, encode},
+    checkpoint::{self, Checkpoint, decode, encode},
     control::{Control, Progress},
     reconstruct::{
         adam::Adam,
@@ -279,6 +282,21 @@ fn a_run_from_a_result_begins_where_that_ended() {
     fewer.frames.pop();
     let error = Start::read(folder.path(), &fewer, &bvh).unwrap_err();
     assert!(error.to_string().contains("2 photographs"), "{error}");
+
+    // What it was found from is known by the checkpoint that a run leaves.
+    let mut left = Checkpoint {
+        settings,
+        capture: checkpoint::fingerprint(&capture),
+        iteration: 1,
+        seconds: 1.0,
+        arrays: BTreeMap::new(),
+    };
+    checkpoint::save(folder.path(), &left).unwrap();
+    Start::read(folder.path(), &capture, &bvh).unwrap();
+    left.capture += 1;
+    checkpoint::save(folder.path(), &left).unwrap();
+    let error = Start::read(folder.path(), &capture, &bvh).unwrap_err();
+    assert!(error.to_string().contains("another capture"), "{error}");
 }
 
 #[test]

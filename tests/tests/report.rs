@@ -44,8 +44,8 @@ fn what_photographs_can_tell_at_best_stands_beside_how_sure_the_result_is() {
     let (summary, _) = summary.split_once("</p>").unwrap();
     assert!(
         summary.ends_with(
-            "Of the light, were all known but it and the albedo, all but 31 % of what sets parts of 22° apart can be told at best with \
-             somebody behind each camera, all but 90 % with nobody there: it is the shadows of whoever takes the photographs that tell it."
+            "Of the light, were all known but it and the albedo, at best 69 % of what sets parts of 22° apart can be told with \
+             somebody behind each camera, 10 % with nobody there: it is the shadows of whoever takes the photographs that tell it."
         ),
         "{summary}"
     );

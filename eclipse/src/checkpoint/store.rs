@@ -77,28 +77,12 @@ pub fn is_of(folder: &Path, capture: &Capture) -> Option<bool> {
 /// [`CheckpointError::Missing`] when there is none, [`CheckpointError::BothUnreadable`] when both are damaged,
 /// [`CheckpointError::Version`] when the latest is whole and of another format.
 pub fn load(folder: &Path) -> Result<Checkpoint, CheckpointError> {
-    let read = |name: &str| {
-        let path = folder.join(name);
-        match read_limited(&path, MAX_FILE) {
-            Ok(bytes) => codec::decode(&bytes),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => {
-                Err(CheckpointError::Missing {
-                    path: folder.to_owned(),
-                })
-            }
-            Err(source) => Err(CheckpointError::Io {
-                action: "read",
-                path,
-                source,
-            }),
-        }
-    };
-    let latest = match read(LATEST) {
+    let latest = match read(folder, LATEST) {
         Ok(checkpoint) => return Ok(checkpoint),
         Err(error @ CheckpointError::Version { .. }) => return Err(error),
         Err(error) => error,
     };
-    read(PREVIOUS).map_err(|previous| match (&latest, &previous) {
+    read(folder, PREVIOUS).map_err(|previous| match (&latest, &previous) {
         (CheckpointError::Missing { .. }, _) | (_, CheckpointError::Version { .. }) => previous,
         _ => CheckpointError::BothUnreadable {
             path: folder.to_owned(),
@@ -106,6 +90,30 @@ pub fn load(folder: &Path) -> Result<Checkpoint, CheckpointError> {
             previous: Box::new(previous),
         },
     })
+}
+
+/// Why a run in `folder` cannot go on from its latest checkpoint, but has to from the one before, if that is so. A latest one that is
+/// missing is none that was lost: the run ended while one took the other's place.
+pub fn passed_over(folder: &Path) -> Option<CheckpointError> {
+    match read(folder, LATEST) {
+        Err(CheckpointError::Missing { .. }) | Ok(_) => None,
+        Err(damage) => read(folder, PREVIOUS).is_ok().then_some(damage),
+    }
+}
+
+fn read(folder: &Path, name: &str) -> Result<Checkpoint, CheckpointError> {
+    let path = folder.join(name);
+    match read_limited(&path, MAX_FILE) {
+        Ok(bytes) => codec::decode(&bytes),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Err(CheckpointError::Missing {
+            path: folder.to_owned(),
+        }),
+        Err(source) => Err(CheckpointError::Io {
+            action: "read",
+            path,
+            source,
+        }),
+    }
 }
 
 /// A number that changes with any pixel, mask, camera, lamp, vertex or normal of the capture, and not with where it lies on disk.
@@ -185,14 +193,18 @@ mod tests {
     fn a_run_that_went_on_from_the_predecessor_can_be_killed_at_any_moment() {
         let folder = spoiled(|bytes| bytes.truncate(40));
         assert_eq!(iteration(&folder), 1);
+        let damage = passed_over(folder.path()).unwrap().to_string();
+        assert!(damage.contains("damaged"), "{damage}");
         // Killed before the new one is in its place.
         drop(begin(folder.path(), &checkpoint(3)).unwrap());
         assert_eq!(iteration(&folder), 1);
         save(folder.path(), &checkpoint(3)).unwrap();
         assert_eq!(iteration(&folder), 3);
+        assert!(passed_over(folder.path()).is_none());
         // A whole one is kept, and can be gone on from as well.
         drop(begin(folder.path(), &checkpoint(4)).unwrap());
         assert_eq!(iteration(&folder), 3);
+        assert!(passed_over(folder.path()).is_none());
     }
 
     #[test]

@@ -19,7 +19,7 @@ use crate::{
 #[derive(Parser, Debug)]
 #[command(name = "eclipse", version, about, max_term_width = 100)]
 #[command(
-    after_help = "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 bad input, 130 interrupted with everything saved."
+    after_help = "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 bad input, 130 interrupted; what was found until then is saved."
 )]
 pub(super) struct Arguments {
     #[command(subcommand)]

@@ -17,7 +17,10 @@ use clap::{Args, ValueEnum};
 use render::image::Image;
 use serde_json::json;
 
-use self::{resume::Chosen, summary::summary};
+use self::{
+    resume::Chosen,
+    summary::{no_step, summary},
+};
 use super::{
     Failure, Outcome, arguments::ReadingArguments, print, shown, shown::ProgressArguments,
     stop_on_interrupt, taken, units,
@@ -26,6 +29,7 @@ use crate::{
     capture::Capture,
     checkpoint,
     control::Control,
+    inspect,
     joint::{self, JointError},
     output,
     progress::{Dashboard, ProgressDisplay, Style, say},
@@ -180,8 +184,16 @@ pub(super) fn run(
     let pool = pool.map_err(|error| Failure::failed(format!("cannot start threads: {error}")))?;
 
     announce(&capture, settings, planned, style);
+    if let Some(warning) = inspect::poor_poses(&capture) {
+        shown::warn(style, &format!("note: {warning}"));
+    }
     if !arguments.resume && checkpoint::is_in(&folder) {
         warn_of_earlier(&folder, style);
+    }
+    if let Some(damage) = checkpoint::passed_over(&folder).filter(|_| arguments.resume) {
+        let warning =
+            format!("the latest checkpoint cannot be gone on from, the one before it is: {damage}");
+        shown::warn(style, &warning);
     }
     let display = ProgressDisplay::new(settings, style);
     let dashboard = arguments.dashboard(settings)?;
@@ -209,6 +221,7 @@ pub(super) fn run(
         let mut solved = joint::run(&capture, settings, &control)?;
         let limit = limit::of(&capture, &solved);
         solved.metrics.extra.insert("limit".to_owned(), limit);
+        solved.notes.extend(no_step(&solved, resumed.as_ref()));
         Ok::<_, JointError>(solved)
     });
     display.finish();

@@ -75,8 +75,8 @@ fn solve(a: &[f64], b: &[f64], bounds: &[[f64; 2]], place: &[Place]) -> Vec<f64>
         }
     }
     let factor = Cholesky::new(&system, size, size);
-    factor.forward(&mut right, 1);
-    factor.backward(&mut right, 1);
+    factor.forward(&mut right);
+    factor.backward(&mut right);
     for (&i, value) in free.iter().zip(right) {
         x[i] = value;
     }

@@ -16,7 +16,7 @@ use super::{
     fit::{Fit, FitError},
     gram::Matrix,
     linearise::Jacobian,
-    reduce::{Layout, Reduced, System},
+    reduce::{Gram, Layout, Reduced, System},
     split::FOLDS,
     study::Study,
 };
@@ -53,24 +53,22 @@ pub fn standard_errors(
 /// Standard errors of the constant columns' coefficients, `matrix(colour)` having the columns of `layout` fold after fold.
 fn errors(matrix: impl Fn(usize) -> Matrix, layout: &Layout, bounds: &[[f64; 2]]) -> Vec<f64> {
     let size = layout.always;
-    let constants: Vec<usize> = (0..size).collect();
     let mut whole = System::zero(size);
     let mut without = vec![System::zero(size); FOLDS];
     // A colour at a time: its columns are all the memory that this takes.
     for c in 0..3 {
         let matrix = matrix(c);
-        let folds: Vec<Vec<f64>> = (0..FOLDS).map(|fold| gram(&matrix, layout, fold)).collect();
-        let mut total = vec![0.0; layout.columns * layout.columns];
-        for fold in &folds {
-            total.iter_mut().zip(fold).for_each(|(t, f)| *t += f);
-        }
-        whole.add(&Reduced::new(&total, layout), layout, &constants);
+        let folds: Vec<Gram> = (0..FOLDS)
+            .map(|fold| Gram::of_fold(&matrix, layout, fold))
+            .collect();
+        let total = Gram::total(&folds);
+        whole.add(&Reduced::new(&total, layout), layout, None);
         let reduced: Vec<Reduced> = folds
             .par_iter()
             .map(|fold| Reduced::new(&left_out(&total, fold, layout), layout))
             .collect();
         for (system, reduced) in without.iter_mut().zip(&reduced) {
-            system.add(reduced, layout, &constants);
+            system.add(reduced, layout, None);
         }
     }
     let held: Vec<[f64; 2]> = bounds.iter().map(|bounds| free(*bounds)).collect();
@@ -96,22 +94,10 @@ fn free([least, most]: [f64; 2]) -> [f64; 2] {
     }
 }
 
-fn gram(matrix: &Matrix, layout: &Layout, fold: usize) -> Vec<f64> {
-    let mut gram = vec![0.0; layout.columns * layout.columns];
-    let rows = layout.starts[fold]..layout.starts[fold + 1];
-    matrix.products(rows, 0..layout.columns, 0..layout.columns, &mut gram);
-    gram
-}
-
 /// The products of all folds but one, with the gradient that is left when that one is taken from a vanishing sum.
-fn left_out(total: &[f64], fold: &[f64], layout: &Layout) -> Vec<f64> {
-    let mut rest: Vec<f64> = total.iter().zip(fold).map(|(t, f)| t - f).collect();
-    let (columns, residual) = (layout.columns, layout.residual());
-    for i in 0..columns {
-        for k in [i * columns + residual, residual * columns + i] {
-            rest[k] = -fold[k];
-        }
-    }
+fn left_out(total: &Gram, fold: &Gram, layout: &Layout) -> Gram {
+    let mut rest = total.without(fold);
+    rest.residual_from(fold, -1.0, layout);
     rest
 }
 

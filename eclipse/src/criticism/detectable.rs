@@ -27,7 +27,7 @@ impl Own {
         let own = beta.iter().zip(&along[free..]);
         let whole: f64 = own.map(|(b, a)| b * (a - b)).sum();
         let mut imitated = along[..free].to_vec();
-        Cholesky::new(&system.a, free, size).forward(&mut imitated, 1);
+        Cholesky::new(&system.a, free, size).forward(&mut imitated);
         let imitated: f64 = imitated.iter().map(|x| x * x).sum();
         Self {
             error: system.errors().split_off(free),

@@ -94,8 +94,8 @@ fn ridge(columns: &[Vec<f64>], weight: &[f64], residual: &mut [f64]) {
     }
     let mut numbers: Vec<f64> = weighted.iter().map(|x| inner(x, residual)).collect();
     let factor = Cholesky::new(&matrix, n, n);
-    factor.forward(&mut numbers, 1);
-    factor.backward(&mut numbers, 1);
+    factor.forward(&mut numbers);
+    factor.backward(&mut numbers);
     for (column, number) in columns.iter().zip(numbers) {
         let pairs = residual.iter_mut().zip(column);
         pairs.for_each(|(r, x)| *r -= number * x);

@@ -68,28 +68,30 @@ impl Matrix {
         &self.data[row * self.stride + from..][..count]
     }
 
-    /// The inner products of the columns `a` with the columns `b`, added to `out` (`[column][column]`, all of them), summed
-    /// over these rows.
-    pub fn products(&self, rows: Range<usize>, a: Range<usize>, b: Range<usize>, out: &mut [f64]) {
-        let width = self.columns;
-        if a.is_empty() {
-            return;
+    /// The inner products of the columns `a` with the columns `b`, `[column of a][column of b]`, summed over these rows; of a column
+    /// with earlier ones, which are known by symmetry, not all are found, and the others are zero.
+    pub fn products(&self, rows: Range<usize>, a: Range<usize>, b: Range<usize>) -> Vec<f64> {
+        let width = b.len();
+        let mut out = vec![0.0; a.len() * width];
+        if out.is_empty() {
+            return out;
         }
-        let band = &mut out[a.start * width..a.end * width];
-        band.par_chunks_mut(TALL * width)
-            .enumerate()
-            .for_each(|(tile, out)| {
-                let first = a.start + tile * TALL;
-                Arch::new().dispatch(Strip {
-                    left: self,
-                    right: self,
-                    rows: rows.clone(),
-                    first,
-                    tall: TALL.min(a.end - first),
-                    columns: b.clone(),
-                    out,
-                });
+        let bands = out.par_chunks_mut(TALL * width).enumerate();
+        bands.for_each(|(tile, out)| {
+            let first = a.start + tile * TALL;
+            Arch::new().dispatch(Strip {
+                left: self,
+                right: self,
+                rows: rows.clone(),
+                first,
+                tall: TALL.min(a.end - first),
+                columns: first.max(b.start)..b.end,
+                origin: b.start,
+                width,
+                out,
             });
+        });
+        out
     }
 
     /// The inner products of all columns with all of another matrix of as many rows, `[column][other's column]`.
@@ -109,6 +111,8 @@ impl Matrix {
                 first,
                 tall: TALL.min(self.columns - first),
                 columns: 0..width,
+                origin: 0,
+                width,
                 out,
             });
         });
@@ -124,7 +128,10 @@ struct Strip<'a> {
     first: usize,
     tall: usize,
     columns: Range<usize>,
-    /// Rows of products, as long as the other matrix has columns.
+    /// The first column of the other matrix that `out` has room for, and for how many.
+    origin: usize,
+    width: usize,
+    /// Rows of products.
     out: &'a mut [f64],
 }
 
@@ -134,7 +141,6 @@ impl WithSimd for Strip<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let width = self.right.columns;
         let lanes = S::F32_LANES;
         let mut start = self.rows.start;
         while start < self.rows.end {
@@ -160,7 +166,7 @@ impl WithSimd for Strip<'_> {
                     for (found, sum) in found.chunks_exact_mut(lanes).zip(sums) {
                         simd.partial_store_f32s(found, *sum);
                     }
-                    let target = &mut self.out[k * width + at..][..wide];
+                    let target = &mut self.out[k * self.width + at - self.origin..][..wide];
                     let pairs = target.iter_mut().zip(found);
                     pairs.for_each(|(t, s)| *t += f64::from(s));
                 }
@@ -186,18 +192,19 @@ mod tests {
             .collect();
         let rows: Vec<usize> = (0..130).filter(|r| r % 3 != 0).collect();
         let matrix = Matrix::from_columns(&columns, &rows);
-        let mut out = vec![0.0; 21 * 21];
-        matrix.products(0..rows.len(), 2..9, 0..21, &mut out);
+        let out = matrix.products(0..rows.len(), 2..9, 0..21);
+        assert_eq!(out.len(), 7 * 21);
         for i in 2..9 {
-            for j in 0..21 {
+            for j in i..21 {
                 let direct: f32 = rows.iter().map(|&r| columns[i][r] * columns[j][r]).sum();
-                assert_eq!(out[i * 21 + j], f64::from(direct));
+                assert_eq!(out[(i - 2) * 21 + j], f64::from(direct));
             }
         }
-        assert_eq!(out[21 * 9], 0.0);
+        let among = matrix.products(0..rows.len(), 7..20, 7..20);
+        assert_eq!(among[13 + 3], out[6 * 21 + 10]);
         let other = Matrix::from_columns(&columns[3..8], &rows);
         let cross = matrix.cross(&other);
         assert_eq!(cross.len(), 21 * 5);
-        assert_eq!(cross[4 * 5 + 2], out[4 * 21 + 5]);
+        assert_eq!(cross[4 * 5 + 2], out[2 * 21 + 5]);
     }
 }

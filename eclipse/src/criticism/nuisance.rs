@@ -76,8 +76,7 @@ impl Nuisance {
         let n = self.columns.len();
         let colour = |c: usize| {
             let matrix = Matrix::of_colour(&self.columns, &self.rows, c);
-            let mut gram = vec![0.0; n * n];
-            matrix.products(0..self.rows.len(), 0..n, 0..n, &mut gram);
+            let mut gram = matrix.products(0..self.rows.len(), 0..n, 0..n);
             (0..n).for_each(|i| gram[i * n + i] += 1.0);
             (matrix, Cholesky::new(&gram, n, n))
         };
@@ -95,12 +94,13 @@ impl Nuisance {
             .enumerate()
             .map(|(c, (own, factor))| {
                 let other = Matrix::of_colour(others, &self.rows, c);
-                other.products(0..self.rows.len(), 0..m, 0..m, &mut among);
+                let products = other.products(0..self.rows.len(), 0..m, 0..m);
+                among.iter_mut().zip(products).for_each(|(a, p)| *a += p);
                 let mut half = own.cross(&other);
-                factor.forward(&mut half, m);
+                factor.forward_all(&mut half, m);
                 for row in half.chunks_exact(m.max(1)) {
                     for i in 0..m {
-                        for j in 0..m {
+                        for j in i..m {
                             among[i * m + j] -= row[i] * row[j];
                         }
                     }
@@ -125,7 +125,7 @@ pub struct Preconditioner<'a> {
     nuisance: &'a Nuisance,
     /// By colour: L⁻¹ of the products of nuisance and other columns, `[nuisance][other]`.
     half: Vec<Vec<f64>>,
-    /// Products of the other columns with the nuisance eliminated, `[other][other]`.
+    /// Products of the other columns with the nuisance eliminated, `[other][other]`, the upper half.
     among: Vec<f64>,
     /// Other numbers that may move.
     free: Vec<usize>,
@@ -175,7 +175,7 @@ impl Inverse for Preconditioner<'_> {
                 let within: Vec<f64> = basis.iter().map(along).collect();
                 let mut part = within.clone();
                 part.extend(texture[c..].iter().step_by(3).map(|&x| f64::from(x)));
-                colours[c].1.forward(&mut part, 1);
+                colours[c].1.forward(&mut part);
                 for (row, x) in self.half[c].chunks_exact(m.max(1)).zip(&part) {
                     reduced.iter_mut().zip(row).for_each(|(r, h)| *r -= h * x);
                 }
@@ -183,8 +183,8 @@ impl Inverse for Preconditioner<'_> {
             })
             .collect();
         let mut free: Vec<f64> = self.free.iter().map(|&i| reduced[i]).collect();
-        self.factor.forward(&mut free, 1);
-        self.factor.backward(&mut free, 1);
+        self.factor.forward(&mut free);
+        self.factor.backward(&mut free);
         let mut moved = vec![0.0; m];
         self.free
             .iter()
@@ -196,7 +196,7 @@ impl Inverse for Preconditioner<'_> {
             for (row, x) in self.half[c].chunks_exact(m.max(1)).zip(&mut part) {
                 *x -= row.iter().zip(&moved).map(|(h, b)| h * b).sum::<f64>();
             }
-            colours[c].1.backward(&mut part, 1);
+            colours[c].1.backward(&mut part);
             // Beyond the directions the prior alone holds light.
             for ((row, solved), was) in basis.iter().zip(&part).zip(&within) {
                 let change = (solved - was) as f32;

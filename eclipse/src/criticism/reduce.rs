@@ -5,7 +5,11 @@
 
 use std::ops::Range;
 
+use nalgebra::DMatrixView;
+use rayon::prelude::*;
+
 use super::{
+    gram::Matrix,
     linear::Cholesky,
     split::{FOLDS, Role},
     study::Study,
@@ -57,9 +61,71 @@ impl Layout {
         }
     }
 
+    /// How many columns are no candidate's own.
+    fn head(&self) -> usize {
+        self.residual() + 1
+    }
+
     /// The column of the residual.
     pub fn residual(&self) -> usize {
         self.nuisance + self.always
+    }
+}
+
+/// Inner products of the problem's columns over some of its rows: those that are needed, as candidates never meet.
+#[derive(Clone)]
+pub struct Gram {
+    /// Of nuisance, constants and residual with themselves and all later columns, `[column][column]`.
+    head: Vec<f64>,
+    /// Of each candidate's own columns among themselves. Of both the upper half counts.
+    own: Vec<Vec<f64>>,
+}
+
+impl Gram {
+    /// Over a fold's rows of a matrix that has the columns of `layout`.
+    pub fn of_fold(matrix: &Matrix, layout: &Layout, fold: usize) -> Self {
+        let rows = layout.starts[fold]..layout.starts[fold + 1];
+        let among = |own: &Range<usize>| matrix.products(rows.clone(), own.clone(), own.clone());
+        Self {
+            head: matrix.products(rows.clone(), 0..layout.head(), 0..layout.columns),
+            own: layout.own.iter().map(among).collect(),
+        }
+    }
+
+    /// The sum over all folds, of which there is one at least.
+    pub fn total(folds: &[Self]) -> Self {
+        let mut total = folds[0].clone();
+        for fold in &folds[1..] {
+            total.change(fold, |t, f| t + f);
+        }
+        total
+    }
+
+    /// Of the rows of all folds but this one.
+    pub fn without(&self, fold: &Self) -> Self {
+        let mut rest = self.clone();
+        rest.change(fold, |t, f| t - f);
+        rest
+    }
+
+    /// Takes the products with the residual from a fold, times `factor`.
+    pub fn residual_from(&mut self, fold: &Self, factor: f64, layout: &Layout) {
+        let residual = layout.residual();
+        for i in 0..=residual {
+            let at = i * layout.columns + residual;
+            self.head[at] = factor * fold.head[at];
+        }
+    }
+
+    fn change(&mut self, other: &Self, by: impl Fn(f64, f64) -> f64) {
+        let all = |values: &mut [f64], others: &[f64]| {
+            let pairs = values.iter_mut().zip(others);
+            pairs.for_each(|(value, other)| *value = by(*value, *other));
+        };
+        all(&mut self.head, &other.head);
+        for (own, other) in self.own.iter_mut().zip(&other.own) {
+            all(own, other);
+        }
     }
 }
 
@@ -68,55 +134,58 @@ pub struct Reduced {
     factor: Cholesky,
     /// L⁻¹ of the nuisance's products with all later columns, `[nuisance][column − nuisance]`.
     half: Vec<f64>,
-    /// Products of the later columns among themselves after the elimination, `[column][column]` from the first later one.
-    pub schur: Vec<f64>,
+    /// Products among the later columns after the elimination: of constants and residual with all, `[column][column]` from the first
+    /// later one, and of each candidate's own.
+    rest: Gram,
     /// How many later columns.
-    pub later: usize,
+    later: usize,
 }
 
 impl Reduced {
-    /// From the Gram matrix of the training rows.
-    pub fn new(gram: &[f64], layout: &Layout) -> Self {
+    /// From the products of the training rows.
+    pub fn new(gram: &Gram, layout: &Layout) -> Self {
         let (n, all) = (layout.nuisance, layout.columns);
         let later = all - n;
         let mut system = vec![0.0; n * n];
         for i in 0..n {
-            system[i * n..(i + 1) * n].copy_from_slice(&gram[i * all..i * all + n]);
+            system[i * n..(i + 1) * n].copy_from_slice(&gram.head[i * all..i * all + n]);
             // The prior: deviations are units of the coordinates.
             system[i * n + i] += 1.0;
         }
         let factor = Cholesky::new(&system, n, n);
         let mut half = vec![0.0; n * later];
         for i in 0..n {
-            half[i * later..(i + 1) * later].copy_from_slice(&gram[i * all + n..(i + 1) * all]);
+            half[i * later..(i + 1) * later]
+                .copy_from_slice(&gram.head[i * all + n..(i + 1) * all]);
         }
-        factor.forward(&mut half, later);
-        let mut schur = vec![0.0; later * later];
-        let head = layout.always + 1;
-        let mut subtract = |a: Range<usize>, b: Range<usize>| {
-            for i in a {
-                let row = &mut schur[i * later..(i + 1) * later];
-                for j in b.clone() {
-                    row[j] = gram[(n + i) * all + n + j];
-                }
-                for k in 0..n {
-                    let factor = half[k * later + i];
-                    let source = &half[k * later..(k + 1) * later];
-                    for j in b.clone() {
-                        row[j] -= factor * source[j];
-                    }
-                }
-            }
+        factor.forward_all(&mut half, later);
+        // Its rows are columns to those who count by columns.
+        let by_column = DMatrixView::from_slice(&half, later, n);
+        let less = |products: &mut [f64], a: Range<usize>, b: Range<usize>| {
+            let (left, right) = (
+                by_column.rows(b.start, b.len()),
+                by_column.rows(a.start, a.len()),
+            );
+            let taken = left * right.transpose();
+            let pairs = products.iter_mut().zip(taken.as_slice());
+            pairs.for_each(|(product, taken)| *product -= taken);
         };
-        subtract(0..head, 0..later);
-        for own in &layout.own {
+        let head = layout.head() - n;
+        let lines = gram.head[n * all..].chunks_exact(all);
+        let mut rest = Gram {
+            head: lines.flat_map(|line| &line[n..]).copied().collect(),
+            own: gram.own.clone(),
+        };
+        less(&mut rest.head, 0..head, 0..later);
+        let own = rest.own.par_iter_mut().zip(&layout.own);
+        own.for_each(|(products, own)| {
             let own = own.start - n..own.end - n;
-            subtract(own.clone(), own);
-        }
+            less(products, own.clone(), own);
+        });
         Self {
             factor,
             half,
-            schur,
+            rest,
             later,
         }
     }
@@ -141,15 +210,15 @@ impl Reduced {
                 sum
             })
             .collect();
-        self.factor.backward(&mut theta, 1);
+        self.factor.backward(&mut theta);
         theta.extend(&beta[..layout.always]);
         theta
     }
 
     /// Solves for nuisance alone: the inverse of its products and prior times `b`, in place.
     pub fn solve(&self, b: &mut [f64]) {
-        self.factor.forward(b, 1);
-        self.factor.backward(b, 1);
+        self.factor.forward(b);
+        self.factor.backward(b);
     }
 }
 
@@ -173,16 +242,34 @@ impl System {
         }
     }
 
-    /// Adds a colour's; `columns` counts from the first after the nuisance.
-    pub fn add(&mut self, reduced: &Reduced, layout: &Layout, columns: &[usize]) {
-        let size = columns.len();
-        for (i, &ci) in columns.iter().enumerate() {
-            for (j, &cj) in columns.iter().enumerate() {
-                // Candidates' rows hold their own columns only; the head's rows hold all.
-                let (r, c) = if ci < cj { (ci, cj) } else { (cj, ci) };
-                self.a[i * size + j] += reduced.schur[r * reduced.later + c];
+    /// Adds a colour's products of the constant columns and of candidate `k`'s own, where one is meant.
+    pub fn add(&mut self, reduced: &Reduced, layout: &Layout, k: Option<usize>) {
+        let (size, constants, later) = (self.b.len(), layout.always, reduced.later);
+        let own = k.map_or(0..0, |k| layout.own[k].clone());
+        let first = own.start.saturating_sub(layout.nuisance);
+        let place = |i: usize| match i < constants {
+            true => i,
+            false => first + i - constants,
+        };
+        let Gram { head, own: among } = &reduced.rest;
+        for i in 0..size {
+            for j in i..size {
+                let product = match k {
+                    Some(k) if i >= constants => {
+                        among[k][(i - constants) * own.len() + j - constants]
+                    }
+                    _ => head[i * later + place(j)],
+                };
+                self.a[i * size + j] += product;
+                if i != j {
+                    self.a[j * size + i] += product;
+                }
             }
-            self.b[i] += reduced.schur[layout.always * reduced.later + ci];
+            // Of the residual with earlier columns their rows tell.
+            self.b[i] += match i < constants {
+                true => head[i * later + constants],
+                false => head[constants * later + place(i)],
+            };
         }
     }
 
@@ -191,7 +278,7 @@ impl System {
         let size = self.b.len();
         let mut inverse = vec![0.0; size * size];
         (0..size).for_each(|i| inverse[i * size + i] = 1.0);
-        Cholesky::new(&self.a, size, size).forward(&mut inverse, size);
+        Cholesky::new(&self.a, size, size).forward_all(&mut inverse, size);
         let variance = |j: usize| {
             (0..size)
                 .map(|i| inverse[i * size + j].powi(2))

@@ -14,7 +14,7 @@ use super::{
     gram::Matrix,
     linearise::{Candidate, Jacobian},
     nuisance::Nuisance,
-    reduce::{Layout, Reduced, System},
+    reduce::{Gram, Layout, Reduced, System},
     split::FOLDS,
     statistics::{paired, sign_flips},
     study::Study,
@@ -74,14 +74,20 @@ pub struct Screen {
 /// One colour's whitened columns on the rows of development, fold after fold.
 struct Colour {
     matrix: Matrix,
-    /// Gram matrices by fold.
-    folds: Vec<Vec<f64>>,
-    total: Vec<f64>,
+    folds: Vec<Gram>,
+    total: Gram,
 }
 
 /// Scores all candidates at this linearisation.
 pub fn screen(study: &Study<'_>, jacobian: &Jacobian, candidates: &[Candidate]) -> Screen {
     let layout = layout(study, jacobian, candidates);
+    tracing::debug!(
+        nuisance = layout.nuisance,
+        always = layout.always,
+        columns = layout.columns,
+        rows = layout.rows.len(),
+        "screen"
+    );
     let colours: Vec<Colour> = (0..3)
         .map(|c| Colour::new(&layout, jacobian, candidates, c))
         .collect();
@@ -96,15 +102,7 @@ pub fn screen(study: &Study<'_>, jacobian: &Jacobian, candidates: &[Candidate]) 
     for fold in 0..FOLDS {
         let reduced: Vec<Reduced> = colours
             .par_iter()
-            .map(|colour| {
-                let training: Vec<f64> = colour
-                    .total
-                    .iter()
-                    .zip(&colour.folds[fold])
-                    .map(|(t, f)| t - f)
-                    .collect();
-                Reduced::new(&training, &layout)
-            })
+            .map(|colour| Reduced::new(&colour.total.without(&colour.folds[fold]), &layout))
             .collect();
         let plain = solve(&reduced, &layout, None, jacobian, candidates).0;
         let models: Vec<Vec<f64>> = (0..count)
@@ -188,21 +186,10 @@ impl Colour {
             .chain(candidates.iter().flat_map(|k| &k.columns))
             .collect();
         let matrix = Matrix::of_colour(&columns, &layout.rows, c);
-        let size = layout.columns * layout.columns;
-        let head = layout.residual() + 1;
-        let mut total = vec![0.0; size];
-        let folds = (0..FOLDS)
-            .map(|fold| {
-                let rows = layout.starts[fold]..layout.starts[fold + 1];
-                let mut gram = vec![0.0; size];
-                matrix.products(rows.clone(), 0..head, 0..layout.columns, &mut gram);
-                for own in &layout.own {
-                    matrix.products(rows.clone(), own.clone(), own.clone(), &mut gram);
-                }
-                total.iter_mut().zip(&gram).for_each(|(t, g)| *t += g);
-                gram
-            })
+        let folds: Vec<Gram> = (0..FOLDS)
+            .map(|fold| Gram::of_fold(&matrix, layout, fold))
             .collect();
+        let total = Gram::total(&folds);
         Self {
             matrix,
             folds,
@@ -219,16 +206,11 @@ fn solve(
     jacobian: &Jacobian,
     candidates: &[Candidate],
 ) -> (Vec<f64>, System) {
-    let n = layout.nuisance;
-    let mut columns: Vec<usize> = (0..layout.always).collect();
     let mut bounds = jacobian.always_bounds.clone();
-    if let Some(k) = k {
-        columns.extend(layout.own[k].start - n..layout.own[k].end - n);
-        bounds.extend(candidates[k].bounds());
-    }
-    let mut system = System::zero(columns.len());
+    bounds.extend(k.into_iter().flat_map(|k| candidates[k].bounds()));
+    let mut system = System::zero(bounds.len());
     for part in reduced {
-        system.add(part, layout, &columns);
+        system.add(part, layout, k);
     }
     let beta = bounded(&system.a, &system.b, &bounds);
     (beta, system)
@@ -315,12 +297,19 @@ fn size_of(form: &[f64], beta: &[f64], errors: &[f64]) -> (f64, f64) {
     (size, error.sqrt() / size.max(1e-150))
 }
 
+/// Summed in eight parts, which need not wait for each other.
 fn inner(weights: &[f64], values: &[f32]) -> f64 {
-    weights
-        .iter()
-        .zip(values)
-        .map(|(w, v)| w * f64::from(*v))
-        .sum()
+    let mut parts = [0.0f64; 8];
+    let (weights, last_weights) = weights.as_chunks::<8>();
+    let (values, last_values) = values.as_chunks::<8>();
+    for (weights, values) in weights.iter().zip(values) {
+        for ((part, weight), value) in parts.iter_mut().zip(weights).zip(values) {
+            *part += weight * f64::from(*value);
+        }
+    }
+    let last = last_weights.iter().zip(last_values);
+    let last: f64 = last.map(|(w, v)| w * f64::from(*v)).sum();
+    parts.iter().sum::<f64>() + last
 }
 
 #[cfg(test)]

@@ -278,8 +278,8 @@ impl Texture {
         for c in 0..3 {
             let errors: Vec<f64> = self.rows[c].iter().map(|&k| f64::from(white[k])).collect();
             let mut numbers: Vec<f64> = self.columns[c].iter().map(|x| inner(x, &errors)).collect();
-            self.factor[c].forward(&mut numbers, 1);
-            self.factor[c].backward(&mut numbers, 1);
+            self.factor[c].forward(&mut numbers);
+            self.factor[c].backward(&mut numbers);
             for (row, &k) in self.rows[c].iter().enumerate() {
                 let pairs = self.columns[c].iter().zip(&numbers);
                 let explained: f64 = pairs.map(|(x, n)| x[row] * n).sum();
@@ -299,7 +299,7 @@ fn with_prior(columns: &[Vec<f64>]) -> Cholesky {
             (0..n)
                 .map(|j| {
                     let own = if i == j { 1.0 } else { 0.0 };
-                    if j <= i {
+                    if i <= j {
                         own + inner(&columns[i], &columns[j])
                     } else {
                         0.0
@@ -308,7 +308,7 @@ fn with_prior(columns: &[Vec<f64>]) -> Cholesky {
                 .collect()
         })
         .collect();
-    // Of a symmetric matrix the lower half is enough.
+    // Of a symmetric matrix the upper half is enough.
     Cholesky::new(&lines.concat(), n, n)
 }
 

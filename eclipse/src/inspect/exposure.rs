@@ -13,7 +13,7 @@ const AT_MAXIMUM: f32 = 0.999;
 pub struct ExposureInspection {
     /// Median over the frames of the object's median level, linear.
     pub median: f32,
-    /// Median level of the brightest frame over that of the darkest: under one exposure, what shading makes of it.
+    /// Median level of the brightest frame over that of the darkest that is not black: under one exposure, what shading makes of it.
     pub spread: f32,
     /// The greatest value on the object.
     pub maximum: f32,
@@ -31,16 +31,12 @@ pub(super) fn inspect(capture: &Capture, frames: &[FrameInspection]) -> Exposure
         all += 1;
         at += usize::from(level >= threshold);
     }
-    let darkest = medians.first().copied().unwrap_or(0.0);
+    // Black frames are told by their median; a ratio without meaning is not.
+    let darkest = medians.iter().copied().find(|&median| median > 0.0);
     let brightest = medians.last().copied().unwrap_or(0.0);
     ExposureInspection {
         median: medians.get(medians.len() / 2).copied().unwrap_or(0.0),
-        // Black frames are told by their median; a ratio without meaning is not.
-        spread: if darkest > 0.0 {
-            brightest / darkest
-        } else {
-            1.0
-        },
+        spread: darkest.map_or(1.0, |darkest| brightest / darkest),
         maximum,
         at_maximum: at as f32 / all.max(1) as f32,
     }

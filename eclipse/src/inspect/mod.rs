@@ -288,6 +288,15 @@ fn of_capture(
     inspection
 }
 
+/// A warning about frames of `capture` whose silhouettes do not overlap their masks as they should, where there are any.
+pub fn poor_poses(capture: &Capture) -> Option<String> {
+    let frames = capture.frames.par_iter();
+    let overlaps: Vec<(&str, f32)> = frames
+        .map(|frame| (&*frame.name, mask_overlap(&capture.mesh, frame)))
+        .collect();
+    warnings::of_overlaps(&overlaps)
+}
+
 fn of_frame(capture: &Capture, frame: &Frame) -> FrameInspection {
     let camera = &frame.camera;
     let centre = camera.centre();

@@ -7,6 +7,8 @@ use crate::wording::counted;
 
 /// Overlaps below this are poor.
 const POOR_OVERLAP: f32 = 0.8;
+/// Overlaps that are this far below the median are poor as well: outlines of one mesh are about as good from everywhere.
+const FAR_BELOW: f32 = 0.1;
 /// A sector without cameras that is wider than this leaves the far side's light untold.
 const WIDE_GAP: f32 = 120.0;
 /// A tilt beyond this is a world that is not z up: people hold cameras at an angle, but not on their side.
@@ -70,33 +72,47 @@ fn few(inspection: &Inspection) -> Option<String> {
 }
 
 fn poor_overlap(inspection: &Inspection) -> Option<String> {
-    let poor: Vec<&str> = inspection
-        .frames
-        .iter()
-        .filter(|frame| frame.overlap < POOR_OVERLAP)
-        .map(|frame| &*frame.name)
-        .collect();
-    let first = poor.iter().take(5).copied().collect::<Vec<_>>().join(", ");
-    let more = if poor.len() > 5 { ", …" } else { "" };
-    (!poor.is_empty()).then(|| {
+    let frames = inspection.frames.iter();
+    let overlaps: Vec<(&str, f32)> = frames.map(|frame| (&*frame.name, frame.overlap)).collect();
+    of_overlaps(&overlaps)
+}
+
+/// What there is to say of frames, by name and how far the mesh's silhouette overlaps the mask, whose pose or mask is wrong: those
+/// that overlap poorly, and those that do so far less than most.
+pub(super) fn of_overlaps(frames: &[(&str, f32)]) -> Option<String> {
+    let mut sorted: Vec<f32> = frames.iter().map(|(_, overlap)| *overlap).collect();
+    sorted.sort_by(f32::total_cmp);
+    let median = *sorted.get(sorted.len() / 2)?;
+    let least = POOR_OVERLAP.max(median - FAR_BELOW);
+    let poor = frames.iter().filter(|(_, overlap)| *overlap < least);
+    let names: Vec<&str> = poor.map(|(name, _)| *name).collect();
+    let first = names.iter().take(5).copied().collect::<Vec<_>>().join(", ");
+    let more = if names.len() > 5 { ", …" } else { "" };
+    (!names.is_empty()).then(|| {
         format!(
-            "{} of {} silhouettes overlap their masks by less than {POOR_OVERLAP} ({first}{more}): check their masks and poses",
-            poor.len(),
-            inspection.frames.len()
+            "{} of {} silhouettes overlap their masks by less than {least:.2}, where the median is {median:.2} ({first}{more}): check \
+             their masks and poses",
+            names.len(),
+            frames.len()
         )
     })
 }
 
+/// Whether most silhouettes overlap their masks well: where they do not, poses tell nothing of how the cameras stand.
+fn poses_are_good(inspection: &Inspection) -> bool {
+    inspection.silhouettes.median >= POOR_OVERLAP
+}
+
 fn gap(inspection: &Inspection) -> Option<String> {
     let gap = inspection.cameras.widest_gap;
-    (gap > WIDE_GAP).then(|| {
+    (gap > WIDE_GAP && poses_are_good(inspection)).then(|| {
         format!("no camera stands in a sector of {gap:.0}° around the object: walk all the way around it")
     })
 }
 
 fn tilt(inspection: &Inspection) -> Option<String> {
     let tilt = inspection.cameras.tilt;
-    (tilt > TILTED).then(|| {
+    (tilt > TILTED && poses_are_good(inspection)).then(|| {
         format!(
             "the photographs' upward direction is {tilt:.0}° off the world's z axis, which an operator is taken to stand along: say \
              which axis points up, probably with --up {}, or use --occluder-prior none",
@@ -139,4 +155,22 @@ fn points(inspection: &Inspection) -> Option<String> {
             points.count
         )
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_wrong_pose_among_good_ones_is_told() {
+        let good = [("a", 0.97), ("b", 0.95), ("c", 0.91), ("d", 0.98)];
+        assert_eq!(of_overlaps(&good), None);
+        assert_eq!(of_overlaps(&[]), None);
+        let one = [good.as_slice(), &[("e", 0.85)]].concat();
+        let told = of_overlaps(&one).unwrap();
+        assert!(told.starts_with("1 of 5") && told.contains("(e)"), "{told}");
+        // Where the mesh is rough all around, no pose is worse than others.
+        let rough = [("a", 0.84), ("b", 0.85), ("c", 0.81)];
+        assert_eq!(of_overlaps(&rough), None);
+    }
 }

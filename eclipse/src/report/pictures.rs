@@ -84,19 +84,20 @@ pub(super) fn grey(image: &Image, channel: usize, white: f32) -> Image {
     map(image, |pixel| [(pixel[channel] / white).clamp(0.0, 1.0); 3])
 }
 
-/// The deviation of an environment's texels relative to their radiance, the mean over channels of each: black is sure, white
-/// unsure by its whole value or more.
+/// The deviation σ of an environment's texels beside their radiance L, σ ∕ (σ + L) of the means over channels: black is sure, the
+/// middle unsure by the whole value.
 pub(super) fn doubt(environment: &Image, deviation: &Image) -> Image {
-    let mut relative = Image::filled(environment.width, environment.height, 1, 0.0);
+    let mut share = Image::filled(environment.width, environment.height, 1, 0.0);
     let texels = environment.data.chunks_exact(3);
-    for (out, (light, deviation)) in relative
+    for (out, (light, deviation)) in share
         .data
         .iter_mut()
         .zip(texels.zip(deviation.data.chunks_exact(3)))
     {
-        *out = deviation.iter().sum::<f32>() / light.iter().sum::<f32>().max(f32::MIN_POSITIVE);
+        let deviation = deviation.iter().sum::<f32>();
+        *out = deviation / (deviation + light.iter().sum::<f32>()).max(f32::MIN_POSITIVE);
     }
-    grey(&relative, 0, 1.0)
+    grey(&share, 0, 1.0)
 }
 
 /// Photograph minus render on pixels that the object covers: blue is too bright a render, red too dark.

@@ -12,7 +12,7 @@ use crate::{
     capture::{Capture, Frame},
     image_io::ImageIoError,
     reconstruction::Reconstruction,
-    wording::counted,
+    wording::{amount, counted},
 };
 
 /// Longest side of an embedded photograph in pixels.
@@ -21,8 +21,8 @@ const LONGEST_SIDE: usize = 320;
 const PHOTOGRAPH_WHITE: f64 = 0.99;
 /// The share of directions whose light must not clip: less, since small lights are far brighter than what they light.
 const ENVIRONMENT_WHITE: f64 = 0.95;
-/// The standard deviation of an albedo that is shown as white.
-const ALBEDO_DOUBT: f32 = 0.2;
+/// The share of albedos whose standard deviation must not clip, and the least one that is shown as white.
+const ALBEDO_DOUBT: (f64, f32) = (0.98, 0.05);
 
 /// The reconstruction with what all parts of the page share.
 pub(super) struct Page<'a> {
@@ -33,6 +33,8 @@ pub(super) struct Page<'a> {
     environment_exposure: f32,
     agreement: Agreement,
     kappa_white: f32,
+    /// The standard deviation of an albedo that is shown as white.
+    doubt_white: f32,
     viewer: Option<Viewer>,
 }
 
@@ -78,6 +80,7 @@ impl<'a> Page<'a> {
             environment_exposure,
             agreement,
             kappa_white,
+            doubt_white: doubt_white(reconstruction),
             viewer: Viewer::new(capture, reconstruction, kappa_white),
         }
     }
@@ -161,9 +164,13 @@ impl<'a> Page<'a> {
 
     /// The pictures of the frames that are embedded.
     pub(super) fn frames(&self) -> Result<Vec<FramePictures>, ImageIoError> {
-        spread(self.capture.frames.len(), self.options.frames)
-            .map(|index| self.frame_pictures(index, &self.capture.frames[index]))
-            .collect()
+        let settings = &self.reconstruction.settings;
+        shown(self.capture.frames.len(), self.options.frames, |frame| {
+            settings.holds_out(frame)
+        })
+        .into_iter()
+        .map(|index| self.frame_pictures(index, &self.capture.frames[index]))
+        .collect()
     }
 
     fn frame_pictures(&self, index: usize, frame: &Frame) -> Result<FramePictures, ImageIoError> {
@@ -190,7 +197,7 @@ impl<'a> Page<'a> {
         }
         let doubt = solved.uncertainty.as_ref();
         if let Some(deviation) = doubt.and_then(|doubt| doubt.albedo.get(index)) {
-            let shown = pictures::tonemapped(&small(deviation), 1.0 / ALBEDO_DOUBT);
+            let shown = pictures::tonemapped(&small(deviation), 1.0 / self.doubt_white);
             displays.push(("albedo-sd", shown));
         }
         if let Some(mask) = solved.occluders.get(index) {
@@ -202,10 +209,11 @@ impl<'a> Page<'a> {
         let uri =
             |(kind, display): (&'static str, Image)| Ok((kind, pictures::data_uri(&display)?));
         let pictures = displays.into_iter().map(uri).collect::<Result<_, _>>()?;
-        Ok(FramePictures {
-            name: frame.name.clone(),
-            pictures,
-        })
+        let name = match solved.settings.holds_out(index) {
+            true => format!("{} (held out)", frame.name),
+            false => frame.name.clone(),
+        };
+        Ok(FramePictures { name, pictures })
     }
 
     /// Photographs, renders, residuals, materials and mask of one frame at a time.
@@ -227,7 +235,10 @@ impl<'a> Page<'a> {
             ),
             "albedo" => "Albedo".to_owned(),
             "albedo-sd" => {
-                format!("Standard deviation of the albedo, white at {ALBEDO_DOUBT}")
+                format!(
+                    "Standard deviation of the albedo, white at {}",
+                    self.doubt_white
+                )
             }
             "alpha" => "Roughness α, black 0 to white 1".to_owned(),
             "kappa" => format!("Reflectance κ head-on, black 0 to white {white}"),
@@ -308,7 +319,7 @@ impl<'a> Page<'a> {
         let shown = pictures::doubt(&solved.environment, &doubt.environment);
         Ok(format!(
             "<figure class=\"wide\"><img id=\"environment-sd\" src=\"{}\" alt=\"standard deviation of the environment\">\
-             <figcaption>Standard deviation over radiance: black is sure, white unsure by the whole value or more. By Laplace's \
+             <figcaption>Standard deviation beside radiance: black is sure, mid-grey unsure by the whole value, white by far more. By Laplace's \
              approximation, which takes the model and its shape, cameras and one bounce for granted; {} numbers are known from the \
              photographs rather than from what is assumed{}.</figcaption></figure>\n",
             pictures::data_uri(&shown)?,
@@ -358,12 +369,14 @@ impl<'a> Page<'a> {
             svg if svg.is_empty() => String::new(),
             svg => format!("<h3>Loss</h3>\n<div class=\"wide\">{svg}</div>\n"),
         };
+        let mut settings = json(serde_json::to_value(&solved.settings));
+        settings["memory"] = json!(amount(solved.settings.memory));
         format!(
             "<section>\n<h2>How it was solved</h2>\n<p>To repeat the run:</p>\n<pre>{command}</pre>\n{curve}\
              <div class=\"split\">\n<div><h3>Metrics</h3>{metrics}</div>\n<div><h3>Settings</h3>{settings}</div>\n</div>\n</section>\n",
             command = escaped(&self.options.command),
             metrics = table(&json(serde_json::to_value(&solved.metrics))),
-            settings = table(&json(serde_json::to_value(&solved.settings))),
+            settings = table(&settings),
         )
     }
 
@@ -387,6 +400,34 @@ impl<'a> Page<'a> {
             "object": self.viewer.as_ref().map(|viewer| viewer.data(self.photograph_exposure)),
         })
     }
+}
+
+/// `most` of `count` frames, evenly spread; of those held out, by which a fit is judged, a quarter of the places at least.
+fn shown(count: usize, most: usize, held_out: impl Fn(usize) -> bool) -> Vec<usize> {
+    let (held, fitted): (Vec<usize>, Vec<usize>) = (0..count).partition(|&frame| held_out(frame));
+    let places = most.max(1).min(count);
+    let of_held = held
+        .len()
+        .min((places / 4).max(places.saturating_sub(fitted.len())));
+    let chosen = |frames: &[usize], most: usize| -> Vec<usize> {
+        match most {
+            0 => Vec::new(),
+            most => spread(frames.len(), most).map(|i| frames[i]).collect(),
+        }
+    };
+    let mut all = chosen(&fitted, places - of_held);
+    all.extend(chosen(&held, of_held));
+    all.sort_unstable();
+    all
+}
+
+/// The standard deviation of an albedo that is shown as white: two digits.
+fn doubt_white(solved: &Reconstruction) -> f32 {
+    let (share, least) = ALBEDO_DOUBT;
+    let deviations = solved.uncertainty.as_ref().map(|doubt| doubt.albedo.iter());
+    let images: Vec<&Image> = deviations.into_iter().flatten().collect();
+    let white = 1.0 / pictures::exposure(&images, share, |_, _| true);
+    (100.0 * white.clamp(least, 1.0)).ceil() / 100.0
 }
 
 /// `most` of `count` indices, evenly spread, both ends among them.
@@ -442,7 +483,20 @@ fn agreement(capture: &Capture, solved: &Reconstruction) -> Agreement {
 
 #[cfg(test)]
 mod tests {
-    use super::spread;
+    use super::{shown, spread};
+
+    #[test]
+    fn held_out_frames_are_among_those_shown() {
+        let all = shown(64, 16, |frame| frame % 8 == 7);
+        assert_eq!(all.len(), 16);
+        assert!(all.is_sorted_by(|a, b| a < b), "{all:?}");
+        assert_eq!(all.iter().filter(|frame| **frame % 8 == 7).count(), 4);
+        assert_eq!(shown(5, 16, |frame| frame == 4), [0, 1, 2, 3, 4]);
+        assert_eq!(shown(5, 3, |_| false), [0, 2, 4]);
+        assert_eq!(shown(4, 2, |_| true), [0, 3]);
+        assert_eq!(shown(1, 0, |_| false), [0]);
+        assert!(shown(0, 4, |_| false).is_empty());
+    }
 
     #[test]
     fn frames_are_spread_evenly_with_both_ends() {

@@ -209,10 +209,10 @@ mod tests {
         metrics.extra.insert("limit".to_owned(), numbers);
         let text = limit(&metrics);
         assert!(
-            text.contains("all but 41 % of what sets parts of 22° apart"),
+            text.contains("at best 59 % of what sets parts of 22° apart"),
             "{text}"
         );
-        assert!(text.contains("all but 93 % with nobody"), "{text}");
+        assert!(text.contains("7 % with nobody"), "{text}");
     }
 
     #[test]

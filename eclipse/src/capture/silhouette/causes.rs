@@ -6,7 +6,7 @@ use render::camera::Camera;
 use crate::capture::transforms::Transforms;
 
 /// Factors between the units and conventions in use.
-const SCALES: [(f32, &str); 10] = [
+const SCALES: [(f32, &str); 8] = [
     (0.001, "0.001 (millimetres for metres)"),
     (1000.0, "1000 (metres for millimetres)"),
     (0.01, "0.01 (centimetres for metres)"),
@@ -15,9 +15,9 @@ const SCALES: [(f32, &str); 10] = [
     (10.0, "10"),
     (0.0254, "0.0254 (inches for metres)"),
     (1.0 / 0.0254, "39.37 (metres for inches)"),
-    (0.5, "0.5"),
-    (2.0, "2"),
 ];
+/// Factors between photographs and the focal length that was known for them before they were resized.
+const SIZES: [f32; 2] = [0.5, 2.0];
 
 /// A hypothesis: what the mesh, the cameras and the masks should have been, in the capture's own frame.
 pub(super) struct Cause {
@@ -206,7 +206,36 @@ fn scales() -> Vec<Cause> {
             Affine3A::from_scale(Vec3::splat(factor)),
         )
     };
-    SCALES.map(scaled).into()
+    SCALES
+        .map(scaled)
+        .into_iter()
+        .chain(SIZES.map(sized))
+        .collect()
+}
+
+/// A mesh that is seen too small or too large by a factor of no unit. Around the middle of the photographs the unit and the focal
+/// length do the same.
+fn sized(factor: f32) -> Cause {
+    on_mesh(
+        &format!(
+            "the mesh is seen {} than the masks show it, by a factor of {:.2}: its unit is not that of the cameras, or the focal length \
+             not that of the photographs, as after resizing them",
+            if factor > 1.0 { "smaller" } else { "larger" },
+            factor.max(1.0 / factor)
+        ),
+        &format!(
+            "scale the mesh by {factor:.3}, or correct the focal length (`fl_x`, `fl_y` or `camera_angle_x`)"
+        ),
+        Affine3A::from_scale(Vec3::splat(factor)),
+    )
+}
+
+/// The same by a factor that was measured: one of a known unit, which explains as much, is named rather.
+pub(super) fn measured(factor: f32) -> Cause {
+    Cause {
+        changes: 2,
+        ..sized(factor)
+    }
 }
 
 fn cameras() -> Vec<Cause> {

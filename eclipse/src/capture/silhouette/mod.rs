@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use render::{image::Image, mesh::Mesh};
 
 use super::{Capture, CaptureError, Frame, transforms::Transforms};
-use causes::{Cause, candidates};
+use causes::{Cause, candidates, measured};
 use coverage::{Coarse, overlap};
 
 /// Longest side of the images in which silhouettes are compared.
@@ -110,7 +110,8 @@ pub(super) fn diagnose(capture: &Capture, transforms: &Transforms, expected: f32
             )
         }))
     };
-    let causes = candidates(capture.centre, transforms);
+    let mut causes = candidates(capture.centre, transforms);
+    causes.extend(factor_of_size(&frames, &coarse, capture.centre).map(measured));
     let overlaps: Vec<f32> = causes
         .par_iter()
         .map(|cause| try_on(cause, &coarse.positions, &coarse.faces, TRIAL_SIDE))
@@ -146,6 +147,34 @@ pub(super) fn diagnose(capture: &Capture, transforms: &Transforms, expected: f32
         expected,
         cause,
     }
+}
+
+/// By what the mesh would have to be scaled about the origin of its own frame for its silhouettes to be as large as the masks.
+fn factor_of_size(frames: &[&Frame], mesh: &Coarse, centre: Vec3) -> Option<f32> {
+    /// Perspective bends what areas say of a mesh that is far too large.
+    const ROUNDS: usize = 6;
+    let mut factor = 1.0f32;
+    for _ in 0..ROUNDS {
+        let moved = mesh
+            .positions
+            .iter()
+            .map(|&p| (p + centre) * factor - centre);
+        let moved: Vec<Vec3> = moved.collect();
+        let ratios = frames.iter().filter_map(|frame| {
+            let full = [frame.mask.width, frame.mask.height];
+            let (covered, _) =
+                coverage::silhouette(&moved, &mesh.faces, &frame.camera, full, TRIAL_SIDE);
+            let seen = covered.iter().filter(|&&inside| inside).count() as f32;
+            let shown = frame.mask.data.iter().filter(|&&mask| mask > 0.5).count() as f32;
+            let shares = [
+                seen / covered.len() as f32,
+                shown / frame.mask.data.len() as f32,
+            ];
+            (shares.iter().all(|&share| share > 0.0)).then(|| (shares[1] / shares[0]).sqrt())
+        });
+        factor *= median(ratios);
+    }
+    (factor.is_finite() && factor > 0.0).then_some(factor)
 }
 
 fn median_overlap(capture: &Capture) -> f32 {

@@ -5,6 +5,7 @@ use std::path::Path;
 use serde_json::json;
 
 use crate::{
+    checkpoint::Checkpoint,
     layout,
     reconstruction::{Ended, Reconstruction},
     report::text,
@@ -41,12 +42,49 @@ pub(super) fn summary(folder: &Path, solved: &Reconstruction, as_json: bool) -> 
     text + &format!("wrote {}\n", folder.join(layout::REPORT).display())
 }
 
+/// What to say where no step was taken, in all or since `begun`: what is written looks like a result all the same.
+pub(super) fn no_step(solved: &Reconstruction, begun: Option<&Checkpoint>) -> Option<String> {
+    let done = iterations(solved);
+    if solved.ended == Ended::Interrupted || begun.map_or(0, |begun| begun.iteration) != done {
+        return None;
+    }
+    let Some(begun) = begun else {
+        return Some(
+            "no step was taken, the time was over before: this is what a run begins with and no result; start again with a longer --time-limit"
+                .to_owned(),
+        );
+    };
+    let (had, more) = match solved.ended {
+        Ended::TimeLimit => (
+            format!(
+                "another step does not fit into the time, of which the run had {}",
+                text::duration(begun.seconds)
+            ),
+            "a --time-limit, of the run as a whole, that is longer",
+        ),
+        Ended::Iterations => (
+            format!(
+                "the run had its {} before",
+                counted(done as usize, "iteration")
+            ),
+            "more --iterations, of the run as a whole,",
+        ),
+        Ended::Converged | Ended::Interrupted => return None,
+    };
+    Some(format!(
+        "no further step was taken: {had}; it goes on with {more}"
+    ))
+}
+
+fn iterations(solved: &Reconstruction) -> u64 {
+    solved.curve.last().map_or(0, |last| last.iteration)
+}
+
 /// How much was done, and why no more.
 fn work(solved: &Reconstruction) -> String {
-    let iterations = solved.curve.last().map_or(0, |last| last.iteration);
     format!(
         "{} in {}, {}\n",
-        counted(iterations as usize, "iteration"),
+        counted(iterations(solved) as usize, "iteration"),
         text::duration(solved.seconds()),
         text::ended(solved.ended)
     )

@@ -17,6 +17,7 @@ use render::{
 use super::{PaperError, batch::COVERED, materials::MaterialEvaluator};
 use crate::{
     capture::Capture,
+    checkpoint,
     evaluate::{self, Estimate},
 };
 
@@ -139,6 +140,13 @@ fn estimate(folder: &Path, capture: &Capture) -> Result<Estimate, PaperError> {
         path: folder.to_owned(),
         reason,
     };
+    if checkpoint::is_of(folder, capture) == Some(false) {
+        return Err(refuse(
+            "it was found from another capture, or from this one with other photographs, cameras, masks, mesh or axes than now: name a \
+             result of this capture, read as it was then"
+                .to_owned(),
+        ));
+    }
     let found = evaluate::estimate(folder).map_err(|error| refuse(error.to_string()))?;
     let frames = &capture.frames;
     for (what, count) in [
