@@ -121,6 +121,7 @@ fn not_of_a_run(
             folder.display(),
             folder_of(folder).display()
         ),
+        _ if !folder.exists() => format!("there is no folder {}; {takes}", folder.display()),
         true => format!("{error}; {takes}"),
         false => error.to_string(),
     })

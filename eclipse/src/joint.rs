@@ -349,6 +349,11 @@ pub enum JointError {
 }
 
 impl JointError {
+    /// Whether the caller asked for the end before there was anything to keep.
+    pub fn is_an_interrupt(&self) -> bool {
+        matches!(self, Self::Reconstruct(ReconstructError::Interrupted))
+    }
+
     /// Whether the capture, or the result to start from, is to blame and not the run.
     pub fn is_of_the_input(&self) -> bool {
         match self {

@@ -1,6 +1,7 @@
 //! `report.html`: one self-contained page that shows what was recovered and how well it explains the photographs.
 
 mod chart;
+mod chosen;
 pub(crate) mod pictures;
 pub mod radiance;
 mod sections;

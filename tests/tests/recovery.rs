@@ -36,7 +36,7 @@ fn moving_shadows_tell_more_of_the_light_than_shading() {
     let capture = Capture::load(&bundled(), &options).unwrap();
     let truth = read_exr(&bundled().join("truth/environment.exr")).unwrap();
     let error = |occluders: bool| {
-        let found = recovered(&capture, occluders, 10).environment;
+        let found = recovered(&capture, occluders, 7).environment;
         let score = environment::compare(&found, &truth).score;
         score
             .texels

@@ -296,11 +296,14 @@ impl Job<'_> {
         };
         let solved = pool.install(|| joint::run(capture, settings, &control));
         display.finish();
-        let solved = solved.map_err(|error| {
-            let input = error.is_of_the_input();
-            Failure::of(error, input)
-        })?;
-        Ok((solved.ended != Ended::Interrupted).then_some(solved))
+        match solved {
+            Ok(solved) => Ok((solved.ended != Ended::Interrupted).then_some(solved)),
+            Err(error) if error.is_an_interrupt() => Ok(None),
+            Err(error) => {
+                let input = error.is_of_the_input();
+                Err(Failure::of(error, input))
+            }
+        }
     }
 }
 

@@ -33,7 +33,7 @@ use crate::{
     joint::{self, JointError},
     output,
     progress::{Dashboard, ProgressDisplay, Style, say},
-    reconstruct,
+    reconstruct::{self, ReconstructError},
     reconstruction::Ended,
     report::{ReportOptions, radiance},
     settings::{OccluderPrior, Preset, Settings},
@@ -226,18 +226,18 @@ pub(super) fn run(
     });
     display.finish();
     drop(dashboard);
-    let solved = solved.map_err(|error| {
-        let input = error.is_of_the_input();
-        Failure::of(error, input)
-    })?;
-    if solved.ended == Ended::Interrupted && !saved.load(Ordering::Relaxed) {
+    let solved = match solved {
         // Whatever lies in the folder says more than a start.
-        let _ = writeln!(
-            std::io::stderr(),
-            "interrupted before the first step: nothing was found and nothing written"
-        );
-        return Ok(Outcome::Interrupted);
-    }
+        Err(error) if error.is_an_interrupt() => return interrupted(&error),
+        Ok(solved) if solved.ended == Ended::Interrupted && !saved.load(Ordering::Relaxed) => {
+            return interrupted(&ReconstructError::Interrupted);
+        }
+        Ok(solved) => solved,
+        Err(error) => {
+            let input = error.is_of_the_input();
+            return Err(Failure::of(error, input));
+        }
+    };
     // The report names it, and comes last.
     radiance::write(&folder, &solved.environment).map_err(Failure::failed)?;
     let report = ReportOptions::new(command(typed, &chosen.inherited));
@@ -248,6 +248,13 @@ pub(super) fn run(
     } else {
         Outcome::Done
     })
+}
+
+/// What is said where nothing is left of the work.
+fn interrupted(why: &dyn std::fmt::Display) -> Result<Outcome, Failure> {
+    // A closed standard error is no failure.
+    let _ = writeln!(std::io::stderr(), "{why}");
+    Ok(Outcome::Interrupted)
 }
 
 /// What is said before the work begins.

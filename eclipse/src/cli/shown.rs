@@ -13,7 +13,7 @@ use crate::{
 
 #[derive(Args, Debug, Default)]
 pub(super) struct ProgressArguments {
-    /// Work under way, on standard error [default: bar, or none with --json].
+    /// Work under way, on standard error [default: bar, or none where results are printed as JSON].
     #[arg(long, value_enum, value_name = "STYLE")]
     progress: Option<ProgressName>,
 }

@@ -4,7 +4,8 @@ use std::ffi::OsString;
 
 /// Parses a duration into seconds; a bare number is seconds.
 pub(super) fn duration(text: &str) -> Result<f64, String> {
-    let wrong = || format!("`{text}` is not a duration; write for example 90s, 10m or 1h30m");
+    let wrong =
+        || format!("`{text}` is not a duration above zero; write for example 90s, 10m or 1h30m");
     if let Ok(seconds) = text.parse::<f64>() {
         return positive(seconds).ok_or_else(wrong);
     }

@@ -19,8 +19,10 @@ const NEIGHBOURS: f32 = 100.0;
 /// A part of a frame whose residuals have a mean that noise does not explain.
 #[derive(Clone, Debug, Serialize)]
 pub struct HotSpot {
-    /// The frame.
+    /// The frame, counted from zero.
     pub frame: usize,
+    /// Its name.
+    pub name: String,
     /// Its box in the image: left, top, right, bottom, pixels.
     pub pixels: [f32; 4],
     /// The middle of the part of surface, in the capture's own frame.
@@ -105,6 +107,7 @@ pub fn hot_spots(study: &Study<'_>, fit: &Fit, quiet: &Fit, most: usize) -> Vec<
             let middle = sum / cell.views.len().max(1) as f32 + study.capture.centre;
             HotSpot {
                 frame: k / patches,
+                name: study.capture.frames[k / patches].name.clone(),
                 pixels,
                 surface_point: middle.to_array(),
                 sigma: z[k] / spread,

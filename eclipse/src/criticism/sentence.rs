@@ -30,8 +30,13 @@ pub fn sentence(d: &Diagnosis) -> String {
     };
     let names: Vec<String> = d.effects.iter().map(told).collect();
     let above = d.sealed.explained().map_or(String::new(), |share| {
+        let apart = d.structured[0] > STRUCTURE && share < 0.5 && d.unexplained_fraction < 0.5;
+        let rest = match apart {
+            true => ", the rest of which neighbouring places do not share",
+            false => "",
+        };
         format!(
-            ", which is {:.0} % of what noise does not explain there",
+            ", which is {:.0} % of what noise does not explain there{rest}",
             100.0 * share
         )
     });
@@ -195,6 +200,11 @@ mod tests {
         assert!(!sentence(&d).contains("seen"));
         let told = sentence(&d);
         let expected = "goes from 3.00 to 1.10, which is 95 % of what noise does not explain there";
+        assert!(told.contains(expected), "{told}");
+        assert!(!told.contains("the rest of which"), "{told}");
+        d.sealed.chi2_after = 2.7;
+        let told = sentence(&d);
+        let expected = "which is 15 % of what noise does not explain there, the rest of which neighbouring places do not share";
         assert!(told.contains(expected), "{told}");
         for (before, after) in [(1.08, 1.01), (3.0, 0.9)] {
             (d.sealed.chi2_before, d.sealed.chi2_after) = (before, after);

@@ -121,6 +121,7 @@ mod tests {
     fn frames_with_hot_spots_are_marked() {
         let spot = |frame, sigma| HotSpot {
             frame,
+            name: String::new(),
             pixels: [0.0, 0.0, 8.0, 8.0],
             surface_point: [0.0; 3],
             sigma,

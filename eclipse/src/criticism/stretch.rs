@@ -5,8 +5,10 @@ use super::locate::HotSpot;
 /// Where photographs differ most from their simulation: one hot spot, or those of neighbouring frames that have its sign.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stretch {
-    /// The first frame and the last.
+    /// The first frame and the last, counted from zero.
     pub frames: [usize; 2],
+    /// Their names, where these say more than their numbers.
+    pub names: Option<[String; 2]>,
     /// Mean relative residual of the hot spots, by what noise lets be known of each; positive where photographs are brighter.
     pub relative: f64,
     /// Its standard error.
@@ -41,8 +43,13 @@ impl Stretch {
             weights += weight;
             sum += weight * spot.relative;
         }
+        let ends = [low, high].map(|frame| alike().find(|spot| spot.frame == frame));
+        let names = ends.map(|end| end.map_or("", |spot| &spot.name));
+        let is_its_number = |(name, frame): (&&str, usize)| name.parse() == Ok(frame);
+        let told = !names.iter().zip([low, high]).all(is_its_number);
         Some(Self {
             frames: [low, high],
+            names: told.then(|| names.map(str::to_owned)),
             relative: sum / weights,
             error: weights.sqrt().recip(),
             middle: first.middle(),
@@ -53,10 +60,20 @@ impl Stretch {
     pub fn place(&self) -> String {
         let [low, high] = self.frames;
         let [x, y] = self.middle;
+        let names = self.called();
         if low == high {
-            format!("frame {low} around pixel ({x:.0}, {y:.0})")
+            format!("frame {low}{names} around pixel ({x:.0}, {y:.0})")
         } else {
-            format!("frames {low}–{high}")
+            format!("frames {low}–{high}{names}")
+        }
+    }
+
+    /// The names, in brackets.
+    fn called(&self) -> String {
+        match &self.names {
+            None => String::new(),
+            Some([first, last]) if first == last => format!(" (“{first}”)"),
+            Some([first, last]) => format!(" (“{first}” to “{last}”)"),
         }
     }
 
@@ -74,13 +91,14 @@ impl Stretch {
             100.0 * self.relative.abs(),
             100.0 * self.error
         );
+        let names = self.called();
         if low == high {
             format!(
-                "Frame {low} is {much} than its simulation around pixel ({x:.0}, {y:.0}) after light and material are refitted."
+                "Frame {low}{names} is {much} than its simulation around pixel ({x:.0}, {y:.0}) after light and material are refitted."
             )
         } else {
             format!(
-                "Frames {low}–{high} are {much} than their simulation where they differ most, after light and material are refitted."
+                "Frames {low}–{high}{names} are {much} than their simulation where they differ most, after light and material are refitted."
             )
         }
     }
@@ -93,6 +111,7 @@ mod tests {
     fn spot(frame: usize, relative: f64, sigma: f64) -> HotSpot {
         HotSpot {
             frame,
+            name: format!("{frame:03}"),
             pixels: [10.0, 20.0, 30.0, 50.0],
             surface_point: [0.0; 3],
             sigma,
@@ -131,5 +150,17 @@ mod tests {
             "Frame 4 is 8.2 ± 0.5 % darker on average than its simulation around pixel (20, 35)";
         assert!(told.starts_with(expected), "{told}");
         assert_eq!(Stretch::around(&[]), None);
+    }
+
+    #[test]
+    fn names_are_told_where_they_are_no_numbers() {
+        let named = |frame: usize| HotSpot {
+            name: format!("IMG_{}", 10 * frame),
+            ..spot(frame, 0.05, 10.0)
+        };
+        let both = Stretch::around(&[named(6), named(7)]).unwrap();
+        assert_eq!(both.place(), "frames 6–7 (“IMG_60” to “IMG_70”)");
+        let one = Stretch::around(&[named(6)]).unwrap();
+        assert!(one.sentence().starts_with("Frame 6 (“IMG_60”) is 5.0 "));
     }
 }

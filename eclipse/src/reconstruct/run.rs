@@ -97,6 +97,7 @@ pub fn run(
         Some(checkpoint) => run.resume(checkpoint)?,
         None => ([0; 2], None),
     };
+    let begun_with = run.curve.len();
     let used = |frame: usize, _: u32| frames.fitted(frame);
     run.report("visibility of the surface", f64::NAN, 0.0);
     let grid = LatLong::new(settings.grid_rows, 2 * settings.grid_rows);
@@ -129,6 +130,10 @@ pub fn run(
         if last.is_some() && run.is_too_late_for(at(0), run.pace.stage(&stage)) {
             run.ended = Ended::TimeLimit;
             break;
+        }
+        // Nobody waits for the end of what nothing has come of yet.
+        if control.stopped() && run.curve.len() == begun_with {
+            return Err(ReconstructError::Interrupted);
         }
         run.report("visibility of the surface", f64::NAN, 0.0);
         let stage_began = Instant::now();
@@ -224,6 +229,9 @@ pub fn run(
             break;
         }
         (first, round) = (first + 1, 0);
+    }
+    if run.ended == Ended::Interrupted && run.curve.len() == begun_with {
+        return Err(ReconstructError::Interrupted);
     }
     let (observations, mut shared, z) = last.ok_or(ReconstructError::NothingToFit)?;
     let mut found = run.finish(&bvh, &surface, &frames, &shared, &z)?;

@@ -16,6 +16,8 @@ const BLOCKED: [f32; 3] = [0.93, 0.36, 0.05];
 pub(super) const RESIDUAL_RANGE: f32 = 4.0;
 /// Reflectance at normal incidence that is shown white: that of sapphire, twice that of most things.
 const KAPPA_WHITE: f32 = 0.08;
+/// The share of albedos whose standard deviation must not clip, and the least one that is shown as white.
+const ALBEDO_DOUBT: (f64, f32) = (0.98, 0.05);
 
 /// The reflectance at normal incidence that is shown white: [`KAPPA_WHITE`], or the object's greatest where that is more, so that none
 /// is cut off; in whole hundredths.
@@ -25,6 +27,20 @@ pub(super) fn kappa_white(solved: &Reconstruction) -> f32 {
     let pixels = materials.flat_map(|m| m.data.iter().skip(4).step_by(5).copied());
     let most = vertices.chain(pixels).fold(KAPPA_WHITE, f32::max);
     (100.0 * most.min(1.0)).ceil() / 100.0
+}
+
+/// The standard deviation of an albedo that is shown as white: two digits.
+pub(super) fn doubt_white(solved: &Reconstruction) -> f32 {
+    let (share, least) = ALBEDO_DOUBT;
+    let deviations = solved.uncertainty.as_ref().map(|doubt| doubt.albedo.iter());
+    let images: Vec<&Image> = deviations.into_iter().flatten().collect();
+    // Off the object there are none.
+    let known = |number: usize, index: usize| {
+        let image = images[number];
+        image.data[index * image.channels] > 0.0
+    };
+    let white = 1.0 / exposure(&images, share, known);
+    (100.0 * white.clamp(least, 1.0)).ceil() / 100.0
 }
 
 /// The PNG of display values (sRGB-encoded, in [0, 1]) as a URI to put into a page.

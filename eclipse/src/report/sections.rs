@@ -4,7 +4,7 @@ use render::image::Image;
 use serde_json::{Value, json};
 
 use super::{
-    ReportOptions, chart, pictures,
+    ReportOptions, chart, chosen, pictures,
     text::{self, duration, escaped, number, table},
     viewer::{self, Viewer},
 };
@@ -21,8 +21,6 @@ const LONGEST_SIDE: usize = 320;
 const PHOTOGRAPH_WHITE: f64 = 0.99;
 /// The share of directions whose light must not clip: less, since small lights are far brighter than what they light.
 const ENVIRONMENT_WHITE: f64 = 0.95;
-/// The share of albedos whose standard deviation must not clip, and the least one that is shown as white.
-const ALBEDO_DOUBT: (f64, f32) = (0.98, 0.05);
 
 /// The reconstruction with what all parts of the page share.
 pub(super) struct Page<'a> {
@@ -80,7 +78,7 @@ impl<'a> Page<'a> {
             environment_exposure,
             agreement,
             kappa_white,
-            doubt_white: doubt_white(reconstruction),
+            doubt_white: pictures::doubt_white(reconstruction),
             viewer: Viewer::new(capture, reconstruction, kappa_white),
         }
     }
@@ -165,7 +163,7 @@ impl<'a> Page<'a> {
     /// The pictures of the frames that are embedded.
     pub(super) fn frames(&self) -> Result<Vec<FramePictures>, ImageIoError> {
         let settings = &self.reconstruction.settings;
-        shown(self.capture.frames.len(), self.options.frames, |frame| {
+        chosen::frames(self.capture.frames.len(), self.options.frames, |frame| {
             settings.holds_out(frame)
         })
         .into_iter()
@@ -402,46 +400,6 @@ impl<'a> Page<'a> {
     }
 }
 
-/// `most` of `count` frames, evenly spread; of those held out, by which a fit is judged, a quarter of the places at least.
-fn shown(count: usize, most: usize, held_out: impl Fn(usize) -> bool) -> Vec<usize> {
-    let (held, fitted): (Vec<usize>, Vec<usize>) = (0..count).partition(|&frame| held_out(frame));
-    let places = most.max(1).min(count);
-    let of_held = held
-        .len()
-        .min((places / 4).max(places.saturating_sub(fitted.len())));
-    let chosen = |frames: &[usize], most: usize| -> Vec<usize> {
-        match most {
-            0 => Vec::new(),
-            most => spread(frames.len(), most).map(|i| frames[i]).collect(),
-        }
-    };
-    let mut all = chosen(&fitted, places - of_held);
-    all.extend(chosen(&held, of_held));
-    all.sort_unstable();
-    all
-}
-
-/// The standard deviation of an albedo that is shown as white: two digits.
-fn doubt_white(solved: &Reconstruction) -> f32 {
-    let (share, least) = ALBEDO_DOUBT;
-    let deviations = solved.uncertainty.as_ref().map(|doubt| doubt.albedo.iter());
-    let images: Vec<&Image> = deviations.into_iter().flatten().collect();
-    let white = 1.0 / pictures::exposure(&images, share, |_, _| true);
-    (100.0 * white.clamp(least, 1.0)).ceil() / 100.0
-}
-
-/// `most` of `count` indices, evenly spread, both ends among them.
-fn spread(count: usize, most: usize) -> impl Iterator<Item = usize> {
-    let shown = count.min(most.max(1));
-    (0..shown).map(move |i| {
-        if shown < 2 {
-            0
-        } else {
-            i * (count - 1) / (shown - 1)
-        }
-    })
-}
-
 fn means(image: &Image) -> String {
     let count = (image.width * image.height) as f64;
     let mean = |channel: usize| {
@@ -478,31 +436,5 @@ fn agreement(capture: &Capture, solved: &Reconstruction) -> Agreement {
     Agreement {
         rms: rms(squares),
         sigmas: solved.noise.map(|_| rms(sigmas)),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{shown, spread};
-
-    #[test]
-    fn held_out_frames_are_among_those_shown() {
-        let all = shown(64, 16, |frame| frame % 8 == 7);
-        assert_eq!(all.len(), 16);
-        assert!(all.is_sorted_by(|a, b| a < b), "{all:?}");
-        assert_eq!(all.iter().filter(|frame| **frame % 8 == 7).count(), 4);
-        assert_eq!(shown(5, 16, |frame| frame == 4), [0, 1, 2, 3, 4]);
-        assert_eq!(shown(5, 3, |_| false), [0, 2, 4]);
-        assert_eq!(shown(4, 2, |_| true), [0, 3]);
-        assert_eq!(shown(1, 0, |_| false), [0]);
-        assert!(shown(0, 4, |_| false).is_empty());
-    }
-
-    #[test]
-    fn frames_are_spread_evenly_with_both_ends() {
-        assert_eq!(spread(5, 16).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
-        assert_eq!(spread(10, 4).collect::<Vec<_>>(), [0, 3, 6, 9]);
-        assert_eq!(spread(0, 4).count(), 0);
-        assert_eq!(spread(1, 4).collect::<Vec<_>>(), [0]);
     }
 }

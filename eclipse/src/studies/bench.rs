@@ -17,7 +17,7 @@ use super::{
 use crate::{
     capture::{Capture, LoadOptions},
     control::Control,
-    reconstruct,
+    reconstruct::{self, ReconstructError},
     reconstruction::{Ended, Reconstruction},
     report::text::number,
     settings::{Preset, Settings},
@@ -435,11 +435,11 @@ impl<'a> Bench<'a> {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(settings.threads)
             .build()?;
-        let found = pool.install(|| reconstruct::run(capture, settings, &control))?;
-        if found.ended == Ended::Interrupted {
-            return Err(StudyError::Stopped);
+        match pool.install(|| reconstruct::run(capture, settings, &control)) {
+            Err(ReconstructError::Interrupted) => Err(StudyError::Stopped),
+            Ok(found) if found.ended == Ended::Interrupted => Err(StudyError::Stopped),
+            found => Ok(found?),
         }
-        Ok(found)
     }
 }
 

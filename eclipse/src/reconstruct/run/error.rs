@@ -39,6 +39,9 @@ pub enum ReconstructError {
     /// The mesh cannot be traced.
     #[error(transparent)]
     Mesh(#[from] MeshError),
+    /// The caller asked for the end before there was anything to keep.
+    #[error("interrupted before the first step: nothing was found and nothing written")]
+    Interrupted,
     /// No pixel is fit to be used.
     #[error(
         "no pixel of any photograph can be fitted; expected pixels wholly inside the masks, lit, on surface that faces the \
@@ -75,7 +78,11 @@ impl ReconstructError {
             | Self::NothingToFit
             | Self::NothingTold => true,
             Self::Paper(error) => matches!(error, PaperError::NoPixels | PaperError::Start { .. }),
-            Self::Settings(_) | Self::Graph(_) | Self::Tape(_) | Self::Checkpoint(_) => false,
+            Self::Settings(_)
+            | Self::Interrupted
+            | Self::Graph(_)
+            | Self::Tape(_)
+            | Self::Checkpoint(_) => false,
         }
     }
 }
