@@ -2,6 +2,7 @@
 
 use std::{
     fs,
+    io::{BufRead, BufReader},
     path::Path,
     process::{Command, Output, Stdio},
     time::Duration,
@@ -213,6 +214,34 @@ fn an_interrupt_saves_everything_and_exits_with_130() {
     for name in ["environment.exr", "report.html", "checkpoint.bin"] {
         assert!(folder.path().join(name).is_file(), "{name}");
     }
+}
+
+#[test]
+#[cfg(unix)]
+fn an_interrupt_before_the_first_step_is_answered_and_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let capture = perfect::bundled();
+    let mut child = eclipse(&[text(&capture), "--progress", "json", "--out", text(&out)])
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    let first = lines.next().unwrap().unwrap();
+    assert!(first.contains("\"start\""), "{first}");
+    let killed = Command::new("kill")
+        .args(["-INT", &child.id().to_string()])
+        .status()
+        .unwrap();
+    assert!(killed.success());
+    let rest: Vec<String> = lines.map_while(Result::ok).collect();
+    assert_eq!(child.wait().unwrap().code(), Some(130), "{rest:?}");
+    let says = |line: &String| line.contains("interrupted before the first step");
+    assert!(rest.iter().any(says), "{rest:?}");
+    // Not even standard deviations were begun.
+    assert!(!rest.iter().any(|line| line.contains("deviations")));
+    assert!(!out.exists());
 }
 
 #[test]

@@ -114,6 +114,39 @@ fn what_is_given_and_shapes_the_result_must_be_as_it_was() {
 }
 
 #[test]
+fn what_looks_like_a_result_and_is_none_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let says = |options: &str, expected: &str| {
+        let output = run(&out, &format!("--lambertian {options}"));
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        let said: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let notes = said["notes"].to_string();
+        notes.contains(expected)
+    };
+    assert!(says("--time-limit 0.01s", "no step was taken"));
+    fs::remove_dir_all(&out).unwrap();
+    let further = "no further step was taken: the run had its 2 iterations before";
+    assert!(!says("--iterations 2", further));
+    assert!(says("--resume --iterations 2", further));
+    assert!(!says("--resume --iterations 3", further));
+
+    let latest = out.join("checkpoint.bin");
+    let bytes = fs::read(&latest).unwrap();
+    fs::write(&latest, &bytes[..bytes.len() / 2]).unwrap();
+    assert_eq!(checkpoint::load(&out).unwrap().iteration, 2);
+    let output = run(&out, "--resume --iterations 3");
+    let message = stderr(&output);
+    assert_eq!(output.status.code(), Some(0), "{message}");
+    let told = "the latest checkpoint cannot be gone on from, the one before it is";
+    assert!(
+        message.contains(told) && message.contains("damaged"),
+        "{message}"
+    );
+    assert_eq!(checkpoint::load(&out).unwrap().iteration, 3);
+}
+
+#[test]
 fn how_colours_were_read_is_kept() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);

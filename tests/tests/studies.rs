@@ -197,6 +197,10 @@ fn somebody_in_the_light_lifts_the_limit() {
     capture(&path, Occluders::None);
     let (summary, out) = study_of("limit", &[path.to_str().unwrap()]);
     complete("limit", &summary, &out);
+    // Read otherwise it tells something else.
+    let smaller = [path.to_str().unwrap(), "--max-size", "16", "--up", "z"];
+    let (smaller, _) = study_of("limit", &smaller);
+    assert_ne!(smaller["numbers"], summary["numbers"]);
     let seeds = |value: &Value| -> Vec<f64> {
         let values = value.as_array().unwrap().iter();
         values.map(|v| v.as_f64().unwrap()).collect()

@@ -206,6 +206,7 @@ mod tests {
             "README.md",
             "eclipse/docs/first_run.md",
             "eclipse/docs/when_it_fails.md",
+            "eclipse/src/criticism/guide.md",
         ] {
             texts.push(fs::read_to_string(root.join(file)).expect("a file of the project"));
         }

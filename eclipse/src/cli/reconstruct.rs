@@ -228,9 +228,9 @@ pub(super) fn run(
     drop(dashboard);
     let solved = match solved {
         // Whatever lies in the folder says more than a start.
-        Err(error) if error.is_an_interrupt() => return interrupted(&error),
+        Err(error) if error.is_an_interrupt() => return interrupted(style, &error),
         Ok(solved) if solved.ended == Ended::Interrupted && !saved.load(Ordering::Relaxed) => {
-            return interrupted(&ReconstructError::Interrupted);
+            return interrupted(style, &ReconstructError::Interrupted);
         }
         Ok(solved) => solved,
         Err(error) => {
@@ -251,9 +251,8 @@ pub(super) fn run(
 }
 
 /// What is said where nothing is left of the work.
-fn interrupted(why: &dyn std::fmt::Display) -> Result<Outcome, Failure> {
-    // A closed standard error is no failure.
-    let _ = writeln!(std::io::stderr(), "{why}");
+fn interrupted(style: Style, why: &dyn std::fmt::Display) -> Result<Outcome, Failure> {
+    shown::warn(style, &why.to_string());
     Ok(Outcome::Interrupted)
 }
 
@@ -279,11 +278,25 @@ fn announce(capture: &Capture, settings: &Settings, planned: u64, style: Style) 
     }
 }
 
+/// Folders that other commands leave in a result's.
+const DERIVED: [&str; 4] = ["blender", "mitsuba", "threejs", "relit"];
+
 /// Said even where progress is not shown: results are about to be lost.
 fn warn_of_earlier(folder: &Path, style: Style) {
+    let derived = DERIVED
+        .into_iter()
+        .filter(|name| folder.join(name).is_dir());
+    let derived: Vec<&str> = derived.collect();
+    let derived = match derived.is_empty() {
+        true => String::new(),
+        false => format!(
+            "; what was made of it stays as it is: {}",
+            derived.join(", ")
+        ),
+    };
     // Ctrl-C before the first step leaves all as it is.
     let warning = format!(
-        "{} holds an earlier run, which this one begins to write over with its first step; --resume goes on with it instead",
+        "{} holds an earlier run, which this one begins to write over with its first step; --resume goes on with it instead{derived}",
         folder.display()
     );
     shown::warn(style, &warning);

@@ -49,7 +49,7 @@ const EXAMPLES: &str = "Examples:
     --camera blender_HDR/cup_scene001/transforms_novel.json \\
     --names-from-cameras --size 512x512 --out out/cup/novel
 
-The pictures are DIR/relit/NNN.exr (linear, RGBA, colours multiplied by the coverage) and NNN.png (sRGB). With --names-from-cameras \
+The pictures are NNN.exr (linear, RGBA, colours multiplied by the coverage) and NNN.png (sRGB), in --out or else in DIR/relit. With --names-from-cameras \
 they are called as the file's frames: as `file_path` without its extension, folders included; as scene_name/file where a frame has a \
 `scene_name`. --environments takes the map of the frame a/b from DIR/a/b.exr (or .hdr, .png, .jpg) or DIR/a/env_map/b.exr.";
 

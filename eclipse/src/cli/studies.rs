@@ -10,7 +10,9 @@ use std::{
 use clap::{Arg, Args, Subcommand};
 
 use super::{
-    Failure, Outcome, print,
+    Failure, Outcome,
+    arguments::ReadingArguments,
+    print,
     shown::{self, ProgressArguments},
     stop_on_interrupt, units,
 };
@@ -29,7 +31,7 @@ const CAPTURES: &str = "tests/captures";
 
 /// Options that some studies have a use for, by their fields' names, each with those studies; all of them together use everything.
 /// (How many captures there are decides how long a real one is reconstructed for.)
-const OF_SOME: [(&str, &[&str]); 3] = [
+const OF_SOME: [(&str, &[&str]); 9] = [
     (
         "captures",
         &[
@@ -54,7 +56,16 @@ const OF_SOME: [(&str, &[&str]); 3] = [
         ],
     ),
     ("real", &["real"]),
+    ("mesh", OF_PHOTOGRAPHS),
+    ("allow_outside", OF_PHOTOGRAPHS),
+    ("color", OF_PHOTOGRAPHS),
+    ("up", OF_PHOTOGRAPHS),
+    ("max_size", OF_PHOTOGRAPHS),
+    ("images", OF_PHOTOGRAPHS),
 ];
+
+/// Studies of a capture of somebody's own.
+const OF_PHOTOGRAPHS: &[&str] = &["limit", "real"];
 
 /// Leaves out of the help of a study what it has no use for.
 fn as_used_by(study: &'static str) -> impl FnMut(Arg) -> Arg {
@@ -109,7 +120,7 @@ pub(super) enum PaperStudy {
     /// Fig. 8 and S2: real photographs, judged by views held out.
     #[command(mut_args(as_used_by("real")))]
     Real(PaperArguments),
-    /// Every experiment of the paper that is here, one after the other.
+    /// Every study there is, one after the other: the paper's experiments, limit, uncertainty and time.
     All(PaperArguments),
 }
 
@@ -139,6 +150,11 @@ pub(super) struct PaperArguments {
     /// Folder of a capture of real photographs, for the study `real` [default: the environment variable ECLIPSE_REAL].
     #[arg(long, value_name = "DIR")]
     pub real: Option<PathBuf>,
+    /// Mesh to use in place of that capture's own.
+    #[arg(long, value_name = "FILE")]
+    pub mesh: Option<PathBuf>,
+    #[command(flatten)]
+    pub reading: ReadingArguments,
     /// Time for each reconstruction of those captures, a bare number being seconds [default: 2m or, where there are many captures, what leaves all studies
     /// within two hours; 10m with --full]. Captures that a study makes for itself take a fixed number of steps.
     #[arg(long, value_name = "TIME", allow_hyphen_values = true, value_parser = units::duration)]
@@ -359,6 +375,12 @@ impl PaperArguments {
             self.captures != Path::new(CAPTURES),
             self.time_limit.is_some(),
             self.real.is_some(),
+            self.mesh.is_some(),
+            self.reading.allow_outside,
+            self.reading.color.is_some(),
+            self.reading.up.is_some(),
+            self.reading.max_size.is_some(),
+            self.reading.images.is_some(),
         ];
         let given = OF_SOME.iter().zip(given).filter(|(_, given)| *given);
         for ((name, studies), _) in given.filter(|((_, studies), _)| !studies.contains(&study)) {
@@ -404,6 +426,7 @@ impl PaperArguments {
         bench.capture = capture;
         let real = self.real();
         bench.real = real.as_deref();
+        bench.reading = self.reading.options(self.mesh.as_deref());
         Ok(work(&bench))
     }
 }

@@ -40,7 +40,8 @@ pub(super) struct StudyArguments {
 pub(super) enum StudyCommand {
     /// Diagnoses every capture of a folder and scores the verdicts against labels.
     Mismatch(MismatchArguments),
-    /// Counts how often a diagnosis names physics where none is missing: finer texture, a coarser mesh, finer light, more noise.
+    /// Counts how often a diagnosis names physics where none is missing, beside finer texture, a coarser mesh, more noise, or where what
+    /// is missing has no name here.
     Nulls(NullsArguments),
     #[command(flatten)]
     Paper(PaperStudy),

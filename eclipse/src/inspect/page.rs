@@ -113,7 +113,7 @@ fn summary(inspection: &Inspection) -> String {
         None => "",
     };
     format!(
-        "{} ({}) of an object of {}; silhouettes overlap the masks by {:.2}.{verdict}",
+        "{} ({}) of an object of {}; silhouettes overlap the masks by {:.3}.{verdict}",
         counted(inspection.frames.len(), "photograph"),
         inspection.format,
         counted(inspection.object.faces, "triangle"),
@@ -160,7 +160,7 @@ fn picture(
         }
     }
     Ok(format!(
-        "<figure><img alt=\"frame {name}\" src=\"{uri}\"><figcaption>{name}: overlap {overlap:.2}</figcaption></figure>",
+        "<figure><img alt=\"frame {name}\" src=\"{uri}\"><figcaption>{name}: overlap {overlap:.3}</figcaption></figure>",
         name = escaped(&frame.name),
         uri = data_uri(&display)?,
         overlap = numbers.overlap,
@@ -213,11 +213,17 @@ fn numbers(inspection: &Inspection) -> String {
         format!("{count}, of which {inside} lie in the mesh's box")
     });
     let light = inspection.limit.map(|limit| limit.sentence());
-    let range =
-        |[low, high]: [f32; 2]| format!("{} to {}", number(low.into()), number(high.into()));
+    let range = |[low, high]: [f32; 2]| {
+        let [low, high] = [low, high].map(|v| number(v.into()));
+        match low == high {
+            true => low,
+            false => format!("{low} to {high}"),
+        }
+    };
+    let percent = |share: f32| format!("{} %", number(f64::from(100.0 * share)));
     table(&json!({
         "described_by": inspection.described_by,
-        "left_out": inspection.left_out,
+        "photographs_left_out": inspection.left_out,
         "object_size": triple(object.size),
         "object_centre": object.centre.map(|v| number(v.into())).join(", "),
         "object_radius": object.radius,
@@ -230,12 +236,12 @@ fn numbers(inspection: &Inspection) -> String {
         "upward_of_the_photographs": cameras.upward.map(|v| format!("{v:.2}")).join(","),
         "sparse_points": points,
         "light": light,
-        "worst_overlap": format!("{:.2} (frame {})", inspection.silhouettes.worst, inspection.silhouettes.worst_frame),
+        "worst_overlap": format!("{:.3} (frame {})", inspection.silhouettes.worst, inspection.silhouettes.worst_frame),
         "median_level": exposure.median,
         "brightest_frame_over_darkest": exposure.spread,
-        "pixels_at_the_maximum": exposure.at_maximum,
-        "surface_seen": coverage.seen,
-        "surface_seen_by_three": coverage.seen_by_three,
+        "pixels_at_the_maximum": percent(exposure.at_maximum),
+        "surface_seen": percent(coverage.seen),
+        "surface_seen_by_three": percent(coverage.seen_by_three),
         "views_of_a_place": coverage.mean_views,
         "memory_of_a_run_MiB": run.memory >> 20,
         "seconds_of_solving_at_most": run.solve_seconds,

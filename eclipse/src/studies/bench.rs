@@ -54,6 +54,8 @@ pub struct Bench<'a> {
     pub capture: Option<&'a Path>,
     /// Folder of a capture of real photographs.
     pub real: Option<&'a Path>,
+    /// How these two are read; captures with a truth are ours, and say it themselves.
+    pub reading: LoadOptions,
     /// Threads of a reconstruction.
     pub threads: usize,
     /// Seconds for each reconstruction, in place of the scale's own.
@@ -115,6 +117,7 @@ impl<'a> Bench<'a> {
             captures,
             capture: None,
             real: None,
+            reading: LoadOptions::default(),
             threads: Settings::default().threads,
             time_limit: None,
             stop,
@@ -242,7 +245,7 @@ impl<'a> Bench<'a> {
     /// As [`trials`](Self::trials); of the capture that was asked for also known lamps, which leave no light to recover.
     pub fn photographs(&self) -> Result<Vec<(String, Rc<Capture>)>, StudyError> {
         if let Some(folder) = self.capture {
-            let capture = Capture::load(folder, &LoadOptions::default())?;
+            let capture = Capture::load(folder, &self.reading)?;
             reconstruct::check_light(&capture)?;
             return Ok(vec![(name_of(folder), Rc::new(capture))]);
         }

@@ -225,6 +225,23 @@ impl Series {
         }
     }
 
+    /// Dots of each seed: at every x the values of all seeds, in their order from zero on.
+    pub fn dots_by_seed(
+        label: &str,
+        values: impl IntoIterator<Item = (f64, Vec<f64>)>,
+    ) -> Vec<Self> {
+        let mut series: Vec<Self> = Vec::new();
+        for (x, of_seeds) in values {
+            for (seed, y) in of_seeds.into_iter().enumerate() {
+                if seed == series.len() {
+                    series.push(Self::dots(label, Vec::new()).of_seed(seed as u64));
+                }
+                series[seed].points.push([x, y]);
+            }
+        }
+        series
+    }
+
     /// The same, of a seed.
     pub fn of_seed(self, seed: u64) -> Self {
         Self {

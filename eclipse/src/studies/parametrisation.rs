@@ -335,11 +335,11 @@ fn numbers(rows: &[Row]) -> Value {
 fn table(rows: &[Row]) -> Figure {
     let of = |variant: Variant| {
         let objects = Object::ALL.into_iter().enumerate();
-        let dots = objects.flat_map(|(place, object)| {
+        let errors = objects.map(|(place, object)| {
             let errors = row(rows, object, variant).map_or_else(Vec::new, Row::lights);
-            errors.into_iter().map(move |e| [place as f64 + 1.0, e])
+            (place as f64 + 1.0, errors)
         });
-        Series::dots(variant.words(), dots.collect())
+        Series::dots_by_seed(&variant.words(), errors)
     };
     let names: Vec<String> = Object::ALL
         .iter()
@@ -357,7 +357,7 @@ fn table(rows: &[Row]) -> Figure {
                 [0.5, Object::ALL.len() as f64 + 0.5],
             ),
             y: Axis::linear("relative RMSE of the light", [0.0, 1.1 * worst]),
-            series: TABLE.map(of).to_vec(),
+            series: TABLE.into_iter().flat_map(of).collect(),
         }),
     }
 }

@@ -9,7 +9,7 @@ use super::{
     trial::name_of,
 };
 use crate::{
-    capture::{Capture, LoadOptions},
+    capture::Capture,
     image_io::white,
     reconstruct,
     reconstruction::Reconstruction,
@@ -51,7 +51,7 @@ impl Study for Real {
         let Some(folder) = bench.real else {
             return Ok(absent());
         };
-        let capture = Capture::load(folder, &LoadOptions::default())?;
+        let capture = Capture::load(folder, &bench.reading)?;
         reconstruct::check_light(&capture)?;
         let name = name_of(folder);
         let solved = bench.each(bench.seeds(), |seed| {

@@ -179,26 +179,16 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
             (format!("alpha {}", number(row.alpha)), numbers)
         })
         .collect();
-    let points = |of: &dyn Fn(&Row) -> Vec<f64>| -> Vec<[f64; 2]> {
-        let rows = rows.iter();
-        rows.flat_map(|row| {
-            of(row)
-                .into_iter()
-                .map(|y| [row.alpha, y])
-                .collect::<Vec<_>>()
-        })
-        .collect()
-    };
+    let alphas = rows.iter().map(|row| (row.alpha, row.alphas()));
+    let mut roughness = Series::dots_by_seed("recovered", alphas);
+    roughness.push(Series::line("equal", vec![[0.0; 2], [1.0; 2]]));
     let mut figures = vec![Figure {
         name: "roughness".into(),
         caption: "Roughness α as recovered, over the true one.".into(),
         content: Content::Chart(Chart {
             x: Axis::linear("true α", [0.0, 1.0]),
             y: Axis::linear("recovered α", [0.0, 1.0]),
-            series: vec![
-                Series::dots("recovered", points(&Row::alphas)),
-                Series::line("equal", vec![[0.0; 2], [1.0; 2]]),
-            ],
+            series: roughness,
         }),
     }];
     figures.extend(rows.iter().map(|row| {

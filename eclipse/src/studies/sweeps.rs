@@ -69,7 +69,7 @@ fn sweeps(bench: &Bench<'_>) -> Vec<Sweep> {
         points: bench
             .of_scale(values)
             .iter()
-            .map(|&value| (f64::from(value), set(value)))
+            .map(|&value| (in_words(value), set(value)))
             .collect(),
     };
     vec![
@@ -149,6 +149,11 @@ fn sweeps(bench: &Bench<'_>) -> Vec<Sweep> {
             },
         ),
     ]
+}
+
+/// The number that people read: 0.2, not the nearest one of single precision.
+fn in_words(value: f32) -> f64 {
+    value.to_string().parse().unwrap_or(value.into())
 }
 
 /// What was found of cases that have been solved.
@@ -389,8 +394,8 @@ fn figure(curve: &Curve) -> Figure {
     };
     let dots = |label: &str, which: usize| {
         let points = sweep.points.iter().zip(&curve.errors);
-        let all = points.flat_map(|((x, _), pairs)| pairs.iter().map(move |p| [*x, p[which]]));
-        Series::dots(label, all.collect())
+        let of_seeds = points.map(|((x, _), pairs)| (*x, pairs.iter().map(|p| p[which]).collect()));
+        Series::dots_by_seed(label, of_seeds)
     };
     let xs = || sweep.points.iter().map(|p| p.0);
     let (low, high) = (xs().fold(f64::INFINITY, f64::min), xs().fold(0.0, f64::max));
@@ -405,12 +410,13 @@ fn figure(curve: &Curve) -> Figure {
                 false => Axis::linear(sweep.label, [0.0, 1.05 * high]),
             },
             y: Axis::linear("relative squared error", [0.0, worst]),
-            series: vec![
-                line("somebody, mean", 0),
+            series: [
+                vec![line("somebody, mean", 0)],
                 dots("somebody", 0),
-                line("nobody, mean", 1),
+                vec![line("nobody, mean", 1)],
                 dots("nobody", 1),
-            ],
+            ]
+            .concat(),
         }),
     }
 }
