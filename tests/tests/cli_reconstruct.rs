@@ -222,7 +222,8 @@ fn an_interrupt_before_the_first_step_is_answered_and_leaves_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     let capture = perfect::bundled();
-    let mut child = eclipse(&[text(&capture), "--progress", "json", "--out", text(&out)])
+    let arguments = [text(&capture), "--max-size", "64", "--progress", "json"];
+    let mut child = eclipse(&[&arguments[..], &["--out", text(&out)]].concat())
         .stdout(Stdio::null())
         .stderr(Stdio::piped())
         .spawn()

@@ -165,6 +165,8 @@ pub(super) fn run(
         reconstruct::paper::start::check(from, &capture).map_err(Failure::bad_input)?;
     }
     place::check(&folder, &arguments.capture)?;
+    // From here on there is a folder to tidy up.
+    let stop = stop_on_interrupt()?;
     let _lock = taken(&folder)?;
     // Again, now that nobody else can write it.
     let resumed = arguments.resume.then(|| checkpoint::load(&folder));
@@ -204,7 +206,7 @@ pub(super) fn run(
     };
     let saved = AtomicBool::new(arguments.resume);
     let control = Control {
-        stop: stop_on_interrupt()?,
+        stop,
         progress: &|progress| match &dashboard {
             Some(dashboard) => dashboard.update(progress),
             None => display.update(progress),
