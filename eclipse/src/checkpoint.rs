@@ -184,6 +184,14 @@ pub enum CheckpointError {
         /// What is wrong there.
         reason: String,
     },
+    /// The checkpoint cannot be read, and there is none before it.
+    #[error("{}: {latest}; start again without --resume", path.display())]
+    Unreadable {
+        /// The folder.
+        path: PathBuf,
+        /// What is wrong.
+        latest: Box<CheckpointError>,
+    },
     /// Neither the checkpoint nor the one before it can be read.
     #[error("{}: {latest}; and the one before it: {previous}; start again without --resume", path.display())]
     BothUnreadable {

@@ -289,6 +289,27 @@ fn a_run_that_writes_over_an_earlier_one_says_so() {
 }
 
 #[test]
+fn a_world_that_is_not_z_up_is_told_where_an_operator_is_looked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let short = [text(small_capture::on_disk()), "--lambertian", "--json"];
+    let options = [
+        "--iterations",
+        "1",
+        "--up",
+        "x",
+        "--out",
+        text(folder.path()),
+    ];
+    for (prior, told) in [("operator", true), ("none", false)] {
+        let output = run(&[&short[..], &options[..], &["--occluder-prior", prior]].concat());
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(0), "{message}");
+        let says = message.contains("off the world's z axis") && message.contains("--up z");
+        assert_eq!(says, told, "{prior}: {message}");
+    }
+}
+
+#[test]
 fn nothing_that_no_run_has_written_is_written_over() {
     let capture = small_capture::on_disk();
     let refused = |out: &Path, says: &str| {

@@ -74,7 +74,8 @@ pub fn is_of(folder: &Path, capture: &Capture) -> Option<bool> {
 /// Reads the latest checkpoint of `folder`, or its predecessor when the latest is missing or damaged.
 ///
 /// # Errors
-/// [`CheckpointError::Missing`] when there is none, [`CheckpointError::BothUnreadable`] when both are damaged,
+/// [`CheckpointError::Missing`] when there is none, [`CheckpointError::Unreadable`] or
+/// [`CheckpointError::BothUnreadable`] when they are damaged,
 /// [`CheckpointError::Version`] when the latest is whole and of another format.
 pub fn load(folder: &Path) -> Result<Checkpoint, CheckpointError> {
     let latest = match read(folder, LATEST) {
@@ -84,6 +85,10 @@ pub fn load(folder: &Path) -> Result<Checkpoint, CheckpointError> {
     };
     read(folder, PREVIOUS).map_err(|previous| match (&latest, &previous) {
         (CheckpointError::Missing { .. }, _) | (_, CheckpointError::Version { .. }) => previous,
+        (_, CheckpointError::Missing { .. }) => CheckpointError::Unreadable {
+            path: folder.to_owned(),
+            latest: Box::new(latest),
+        },
         _ => CheckpointError::BothUnreadable {
             path: folder.to_owned(),
             latest: Box::new(latest),

@@ -54,7 +54,8 @@ pub(super) fn run(arguments: &InspectArguments, out: &mut dyn Write) -> Result<O
         text(&inspection)
     };
     if let (Some(folder), false) = (&arguments.out, arguments.json) {
-        shown += &format!("wrote {}\n", folder.join(page::PAGE).display());
+        let (page, json) = (folder.join(page::PAGE), page::JSON);
+        shown += &format!("wrote {} and {json}\n", page.display());
     }
     print(out, &shown)?;
     match inspection.problem {

@@ -175,7 +175,8 @@ pub(super) fn run(
         None => reconstruct::memory(&capture, settings),
         Some(checkpoint) => {
             let checked = chosen.check(checkpoint, &capture);
-            checked.map_err(Failure::bad_input)?;
+            checked
+                .map_err(|error| Failure::bad_input(format!("{}: {error}", folder.display())))?;
             reconstruct::run::memory_to_resume(&capture, settings, checkpoint)
                 .map_err(Failure::bad_input)?
         }
@@ -186,7 +187,8 @@ pub(super) fn run(
     let pool = pool.map_err(|error| Failure::failed(format!("cannot start threads: {error}")))?;
 
     announce(&capture, settings, planned, style);
-    if let Some(warning) = inspect::poor_poses(&capture) {
+    let upright = settings.occluders && settings.occluder_prior == OccluderPrior::Operator;
+    for warning in inspect::of_cameras(&capture, options.up, upright) {
         shown::warn(style, &format!("note: {warning}"));
     }
     if !arguments.resume && checkpoint::is_in(&folder) {

@@ -288,13 +288,18 @@ fn of_capture(
     inspection
 }
 
-/// A warning about frames of `capture` whose silhouettes do not overlap their masks as they should, where there are any.
-pub fn poor_poses(capture: &Capture) -> Option<String> {
+/// What there is to say of the cameras of a capture before it is reconstructed: of frames whose silhouettes do not overlap their masks
+/// as they should, and, where `upright` occluders are looked for, of a world that is not z up, `turned` being what was said of it.
+pub fn of_cameras(capture: &Capture, turned: UpAxis, upright: bool) -> Vec<String> {
     let frames = capture.frames.par_iter();
     let overlaps: Vec<(&str, f32)> = frames
         .map(|frame| (&*frame.name, mask_overlap(&capture.mesh, frame)))
         .collect();
+    let (tilt, nearest_up, _) = upward(capture, turned);
     warnings::of_overlaps(&overlaps)
+        .into_iter()
+        .chain(warnings::of_tilt(tilt, &nearest_up).filter(|_| upright))
+        .collect()
 }
 
 fn of_frame(capture: &Capture, frame: &Frame) -> FrameInspection {
@@ -349,24 +354,32 @@ fn cameras(capture: &Capture, turned: UpAxis, frames: &[FrameInspection]) -> Cam
     let around = azimuths.first().map(|first| first + 360.0);
     let next = azimuths.iter().skip(1).copied().chain(around);
     let gaps = azimuths.iter().zip(next).map(|(from, to)| to - from);
+    let (tilt, nearest_up, in_files) = upward(capture, turned);
+    CamerasInspection {
+        distance: range(|frame| frame.distance),
+        elevation: range(|frame| frame.elevation),
+        widest_gap: gaps.fold(0.0, f32::max),
+        tilt,
+        nearest_up,
+        upward: in_files.to_array(),
+    }
+}
+
+/// By how many degrees the photographs' upward direction is off z; among the axes of the files, in which `--up` is said, the nearest one
+/// to it, and the direction itself.
+fn upward(capture: &Capture, turned: UpAxis) -> (f32, Cow<'static, str>, Vec3) {
     let upward: Vec3 = capture
         .frames
         .iter()
         .map(|frame| frame.camera.world_from_camera.y_axis.truncate())
         .sum();
-    // Among the axes of the files, in which `--up` is said.
     let in_files = (turned.turn().transpose() * upward).normalize_or(Vec3::Z);
-    CamerasInspection {
-        distance: range(|frame| frame.distance),
-        elevation: range(|frame| frame.elevation),
-        widest_gap: gaps.fold(0.0, f32::max),
-        tilt: upward
-            .normalize_or(Vec3::Z)
-            .angle_between(Vec3::Z)
-            .to_degrees(),
-        nearest_up: UpAxis::nearest(in_files).name(),
-        upward: in_files.to_array(),
-    }
+    let tilt = upward.normalize_or(Vec3::Z).angle_between(Vec3::Z);
+    (
+        tilt.to_degrees(),
+        UpAxis::nearest(in_files).name(),
+        in_files,
+    )
 }
 
 fn lamps(capture: &Capture, known: &Lamps) -> LampsInspection {

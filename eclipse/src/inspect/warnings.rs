@@ -74,7 +74,8 @@ fn few(inspection: &Inspection) -> Option<String> {
 fn poor_overlap(inspection: &Inspection) -> Option<String> {
     let frames = inspection.frames.iter();
     let overlaps: Vec<(&str, f32)> = frames.map(|frame| (&*frame.name, frame.overlap)).collect();
-    of_overlaps(&overlaps)
+    // Why a run would refuse them says more.
+    of_overlaps(&overlaps).filter(|_| inspection.problem.is_none())
 }
 
 /// What there is to say of frames, by name and how far the mesh's silhouette overlaps the mask, whose pose or mask is wrong: those
@@ -111,12 +112,16 @@ fn gap(inspection: &Inspection) -> Option<String> {
 }
 
 fn tilt(inspection: &Inspection) -> Option<String> {
-    let tilt = inspection.cameras.tilt;
-    (tilt > TILTED && poses_are_good(inspection)).then(|| {
+    let cameras = &inspection.cameras;
+    of_tilt(cameras.tilt, &cameras.nearest_up).filter(|_| poses_are_good(inspection))
+}
+
+/// What there is to say of photographs whose upward direction is `tilt` degrees off z and nearest to another axis.
+pub(super) fn of_tilt(tilt: f32, nearest_up: &str) -> Option<String> {
+    (tilt > TILTED).then(|| {
         format!(
             "the photographs' upward direction is {tilt:.0}° off the world's z axis, which an operator is taken to stand along: say \
-             which axis points up, probably with --up {}, or use --occluder-prior none",
-            inspection.cameras.nearest_up
+             which axis points up, probably with --up {nearest_up}, or use --occluder-prior none"
         )
     })
 }

@@ -224,7 +224,7 @@ fn sized(factor: f32) -> Cause {
             factor.max(1.0 / factor)
         ),
         &format!(
-            "scale the mesh by {factor:.3}, or correct the focal length (`fl_x`, `fl_y` or `camera_angle_x`)"
+            "scale the mesh by {factor:.3}, or correct the focal length (in transforms.json `fl_x` and `fl_y`, or `camera_angle_x`)"
         ),
         Affine3A::from_scale(Vec3::splat(factor)),
     )

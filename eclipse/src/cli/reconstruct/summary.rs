@@ -60,14 +60,14 @@ pub(super) fn no_step(solved: &Reconstruction, begun: Option<&Checkpoint>) -> Op
                 "another step does not fit into the time, of which the run had {}",
                 text::duration(begun.seconds)
             ),
-            "a --time-limit, of the run as a whole, that is longer",
+            "a longer --time-limit, which is of the run as a whole",
         ),
         Ended::Iterations => (
             format!(
                 "the run had its {} before",
                 counted(done as usize, "iteration")
             ),
-            "more --iterations, of the run as a whole,",
+            "more --iterations, which are of the run as a whole",
         ),
         Ended::Converged | Ended::Interrupted => return None,
     };

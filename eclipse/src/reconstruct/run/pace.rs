@@ -73,8 +73,8 @@ impl Run<'_> {
         {
             return Some(Ended::Iterations);
         }
-        self.is_too_late_for(place, step)
-            .then_some(Ended::TimeLimit)
+        // Without a single step there is nothing to show, nor to go on from.
+        (self.iteration() > 0 && self.is_too_late_for(place, step)).then_some(Ended::TimeLimit)
     }
 
     /// Whether what takes so many seconds would end after the time that the stage has.
