@@ -308,7 +308,11 @@ fn a_result_is_never_written_over() {
     let missing = folder.path().join("missing");
     let output = eclipse(&["export", text(&missing), "--for", "blender"]);
     assert_eq!(output.status.code(), Some(3));
-    assert!(stderr(&output).contains("mesh.glb"), "{}", stderr(&output));
+    let message = stderr(&output);
+    assert!(
+        message.contains("there is no folder") && message.contains("missing"),
+        "{message}"
+    );
 }
 
 fn eclipse(arguments: &[&str]) -> Output {
