@@ -194,7 +194,9 @@ pub(super) fn run(
     if !arguments.resume && checkpoint::is_in(&folder) {
         warn_of_earlier(&folder, style);
     }
-    if let Some(damage) = checkpoint::passed_over(&folder).filter(|_| arguments.resume) {
+    if arguments.resume
+        && let Some(damage) = checkpoint::passed_over(&folder)
+    {
         let warning =
             format!("the latest checkpoint cannot be gone on from, the one before it is: {damage}");
         shown::warn(style, &warning);
