@@ -5,13 +5,14 @@
 
 mod albedo;
 mod person;
+mod seen;
 
 use std::path::Path;
 
 use glam::Vec3;
 use render::{
     bsdf::{Material, Model},
-    bvh::Bvh,
+    bvh::{Bvh, SurfacePoint},
     camera::Camera,
     environment::{EnvironmentError, EnvironmentMap},
     image::Image,
@@ -30,6 +31,7 @@ use crate::{
 };
 
 pub use albedo::Pattern;
+pub use seen::Seen;
 
 /// Rays a pixel are the square of this.
 const ANTIALIASING: usize = 4;
@@ -107,6 +109,20 @@ pub fn synthesize(
     shooting: &Shooting,
     progress: impl Fn(usize) -> bool,
 ) -> Result<Synthesized, SynthesizeError> {
+    synthesize_seen(scene, shooting, None, progress)
+}
+
+/// The same, with what an object's cameras have `seen` of it for the captures before this one, which spares most of the work; what
+/// is missing is added.
+///
+/// # Errors
+/// As [`synthesize`].
+pub fn synthesize_seen(
+    scene: &Scene,
+    shooting: &Shooting,
+    mut seen: Option<&mut Seen>,
+    progress: impl Fn(usize) -> bool,
+) -> Result<Synthesized, SynthesizeError> {
     if let Occluders::Masks(masks) = &scene.occluders
         && masks.len() != shooting.frames
     {
@@ -136,6 +152,9 @@ pub fn synthesize(
     );
     let masks = LatLong::new(MASK_ROWS, 2 * MASK_ROWS);
     let albedo = |position: Vec3| scene.albedo.at(position / radius);
+    if let Some(seen) = &mut seen {
+        seen.forget_others(&mesh, shooting);
+    }
 
     let (mut frames, mut occluders, mut albedos) = (Vec::new(), Vec::new(), Vec::new());
     for index in 0..shooting.frames {
@@ -153,11 +172,18 @@ pub fn synthesize(
             transmittance,
             radius: camera.distance(),
         });
-        let rendered = reference.frame(&camera, shell, |point| Material {
+        let material = |point: &SurfacePoint| Material {
             albedo: albedo(point.position),
             alpha: scene.alpha,
             kappa: scene.kappa,
-        });
+        };
+        let rendered = match &mut seen {
+            None => reference.frame(&camera, shell, material),
+            Some(seen) => {
+                let looks = seen.of(index, || reference.look(&camera));
+                reference.frame_of(looks, shell, material)
+            }
+        };
         frames.push(photograph(&rendered, camera.clone(), shooting, index));
         albedos.push(albedo::through(&bvh, &camera, ANTIALIASING, albedo));
         occluders.extend(mask);

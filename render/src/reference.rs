@@ -8,7 +8,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::bsdf::{Material, Model};
-use crate::bvh::{Bvh, SurfacePoint, offset_origin};
+use crate::bvh::{Bvh, Sight, SurfacePoint};
 use crate::camera::Camera;
 use crate::environment::EnvironmentMap;
 use crate::image::Image;
@@ -86,14 +86,11 @@ impl<'a> Reference<'a> {
         material: impl Fn(&SurfacePoint) -> Material + Sync,
     ) -> Image {
         let mut image = Image::filled(camera.width, camera.height, 4, 0.0);
-        image
-            .data
-            .par_chunks_exact_mut(4)
-            .enumerate()
-            .for_each(|(p, out)| {
-                let pixel = [p % camera.width, p / camera.width];
-                out.copy_from_slice(&self.pixel(camera, pixel, mask, &material));
-            });
+        let pixels = image.data.par_chunks_exact_mut(4).enumerate();
+        pixels.for_each_init(Sight::default, |sight, (p, out)| {
+            let pixel = [p % camera.width, p / camera.width];
+            out.copy_from_slice(&self.pixel_with(sight, camera, pixel, mask, &material));
+        });
         image
     }
 
@@ -105,38 +102,114 @@ impl<'a> Reference<'a> {
         mask: Option<Mask>,
         material: impl Fn(&SurfacePoint) -> Material,
     ) -> [f32; 4] {
+        self.pixel_with(&mut Sight::default(), camera, pixel, mask, &material)
+    }
+
+    fn pixel_with(
+        &self,
+        sight: &mut Sight,
+        camera: &Camera,
+        pixel: [usize; 2],
+        mask: Option<Mask>,
+        material: &impl Fn(&SurfacePoint) -> Material,
+    ) -> [f32; 4] {
         let mut sum = [0.0; 4];
-        let share = 1.0 / (self.side * self.side) as f32;
-        for (s, (point, outgoing)) in footprint(self.bvh, camera, pixel, self.side).enumerate() {
-            let radiance = self.radiance(&point, outgoing, s, mask, &material(&point));
-            for c in 0..3 {
-                sum[c] += share * radiance[c];
-            }
-            sum[3] += share;
+        for (part, (point, outgoing)) in footprint(self.bvh, camera, pixel, self.side).enumerate() {
+            let open = sight.look(self.bvh, &point, self.directions(part));
+            let radiance =
+                self.radiance(&point, outgoing, part, |t| open[t], mask, &material(&point));
+            self.add(&mut sum, radiance);
         }
         sum
     }
 
-    /// Radiance leaving a surface point towards `outgoing`, with the `part`-th ray of every texel.
+    /// What the rays of every pixel meet, and what is seen from there: most of the work of a [`frame`](Self::frame), and the same
+    /// under any light, mask and material.
+    pub fn look(&self, camera: &Camera) -> Looks {
+        let pixels = (0..camera.width * camera.height).into_par_iter();
+        let pixels = pixels.map_init(Sight::default, |sight, p| {
+            let pixel = [p % camera.width, p / camera.width];
+            let points = footprint(self.bvh, camera, pixel, self.side).enumerate();
+            points
+                .map(|(part, (point, outgoing))| {
+                    let open = sight.look(self.bvh, &point, self.directions(part));
+                    let words = open.chunks(64).map(|bits| {
+                        let bits = bits.iter().enumerate();
+                        bits.fold(0, |word, (k, open)| word | u64::from(*open) << k)
+                    });
+                    Look {
+                        point,
+                        outgoing,
+                        open: words.collect(),
+                    }
+                })
+                .collect()
+        });
+        Looks {
+            size: [camera.width, camera.height],
+            pixels: pixels.collect(),
+        }
+    }
+
+    /// The same frame as [`frame`](Self::frame) from what a renderer of the same object, grid and rays a pixel has looked at.
+    pub fn frame_of(
+        &self,
+        looks: &Looks,
+        mask: Option<Mask>,
+        material: impl Fn(&SurfacePoint) -> Material + Sync,
+    ) -> Image {
+        let [width, height] = looks.size;
+        let mut image = Image::filled(width, height, 4, 0.0);
+        let pixels = image.data.par_chunks_exact_mut(4).zip(&looks.pixels);
+        pixels.for_each(|(out, looks)| {
+            let mut sum = [0.0; 4];
+            for (part, look) in looks.iter().enumerate() {
+                let open = |t: usize| look.open[t / 64] >> (t % 64) & 1 == 1;
+                let material = material(&look.point);
+                let radiance =
+                    self.radiance(&look.point, look.outgoing, part, open, mask, &material);
+                self.add(&mut sum, radiance);
+            }
+            out.copy_from_slice(&sum);
+        });
+        image
+    }
+
+    /// A ray's share of its pixel.
+    fn add(&self, pixel: &mut [f32; 4], radiance: [f32; 3]) {
+        let share = 1.0 / (self.side * self.side) as f32;
+        for c in 0..3 {
+            pixel[c] += share * radiance[c];
+        }
+        pixel[3] += share;
+    }
+
+    /// The ray that a texel sends from the `part`-th place of a pixel.
+    fn ray(&self, texel: usize, part: usize) -> usize {
+        (part + usize::from(self.rotation[texel])) % self.quadrature.rays()
+    }
+
+    /// Where those rays go, texel after texel.
+    fn directions(&self, part: usize) -> impl Iterator<Item = Vec3> {
+        let texels = 0..self.quadrature.grid().len();
+        texels.map(move |texel| self.quadrature.direction(texel, self.ray(texel, part)))
+    }
+
+    /// Radiance leaving a surface point towards `outgoing`, with the `part`-th ray of every texel that is `open`.
     fn radiance(
         &self,
         point: &SurfacePoint,
         outgoing: Vec3,
         part: usize,
+        open: impl Fn(usize) -> bool,
         mask: Option<Mask>,
         material: &Material,
     ) -> [f32; 3] {
         let rays = self.quadrature.rays();
-        let origin = offset_origin(point);
         let mut sum = [0.0; 3];
-        for texel in 0..self.quadrature.grid().len() {
-            let ray = (part + usize::from(self.rotation[texel])) % rays;
+        for texel in (0..self.quadrature.grid().len()).filter(|&texel| open(texel)) {
+            let ray = self.ray(texel, part);
             let direction = self.quadrature.direction(texel, ray);
-            let cosine = point.normal.dot(direction);
-            let above = cosine > 0.0 && point.geometric_normal.dot(direction) > 0.0;
-            if !above || self.bvh.blocked(origin, direction) {
-                continue;
-            }
             let passed = mask.map_or(1.0, |m| {
                 let grid = LatLong::new(m.transmittance.height, m.transmittance.width);
                 mask_lookup(grid, point.position, direction, m.radius).gather(&m.transmittance.data)
@@ -145,11 +218,70 @@ impl<'a> Reference<'a> {
                 .model
                 .evaluate(material, point.normal, direction, outgoing);
             let light = self.light[texel * rays + ray];
+            let cosine = point.normal.dot(direction);
             for c in 0..3 {
                 // A texel sends one of its rays, which stands for them all.
                 sum[c] += light[c] * rays as f32 * passed * f[c] * cosine;
             }
         }
         sum
+    }
+}
+
+/// What the rays of a frame's pixels meet and see, see [`Reference::look`]. It takes a bit a texel and ray.
+#[derive(Clone, Debug)]
+pub struct Looks {
+    /// Pixels across and down.
+    size: [usize; 2],
+    /// `[pixel][place]`, places on the object only.
+    pixels: Vec<Vec<Look>>,
+}
+
+/// A place that a pixel sees.
+#[derive(Clone, Debug)]
+struct Look {
+    point: SurfacePoint,
+    /// Towards the camera.
+    outgoing: Vec3,
+    /// Which texels are seen from there by the ray that is theirs, a bit each.
+    open: Box<[u64]>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Mesh;
+
+    #[test]
+    fn looks_give_the_frame_of_any_light_and_mask_bit_for_bit() {
+        let mut mesh = Mesh::sphere(Vec3::ZERO, 1.0, 12);
+        mesh.append(&Mesh::sphere(1.2 * Vec3::X, 0.6, 12));
+        let bvh = Bvh::new(&mesh).unwrap();
+        let grid = LatLong::new(9, 18);
+        let of = |radiance: fn(Vec3) -> [f32; 3], model| {
+            Reference::with_radiance(&bvh, grid, radiance, model, 2)
+        };
+        let camera = Camera::look_at(12, 9, 0.9, Vec3::new(3.0, 2.0, 1.0), Vec3::ZERO);
+        let looks = of(|_| [1.0; 3], Model::Lambertian).look(&camera);
+        let mut transmittance = Image::filled(8, 4, 1, 1.0);
+        transmittance.data[..12].fill(0.2);
+        let mask = Mask {
+            transmittance: &transmittance,
+            radius: 4.0,
+        };
+        let material = |point: &SurfacePoint| Material {
+            albedo: [0.5 + 0.3 * point.position.z; 3],
+            alpha: 0.4,
+            kappa: 0.04,
+        };
+        for model in [Model::Lambertian, Model::Microfacet] {
+            let reference = of(|d| [d.x.abs(), 1.0 + d.y, 0.3], model);
+            for mask in [None, Some(mask)] {
+                let looked = reference.frame_of(&looks, mask, material);
+                let frame = reference.frame(&camera, mask, material);
+                assert_eq!(looked.data, frame.data);
+                assert!(frame.data.iter().any(|value| *value > 0.1));
+            }
+        }
     }
 }

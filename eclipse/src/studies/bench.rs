@@ -21,6 +21,7 @@ use crate::{
     reconstruction::{Ended, Reconstruction},
     report::text::number,
     settings::{Preset, Settings},
+    synthesize::Seen,
 };
 
 /// Seeds of the solver: a claim that holds for one may be luck.
@@ -64,6 +65,8 @@ pub struct Bench<'a> {
     pub stop: &'a AtomicBool,
     /// Told what is being done.
     pub tell: &'a dyn Fn(&str),
+    /// What the cameras of the last capture of our own see of its object: the next one often has the same.
+    pub(super) seen: RefCell<Seen>,
     began: Instant,
     /// Seconds for a quick solve, the same for all of a run once one has asked: solves are shared.
     share: OnceCell<f64>,
@@ -122,6 +125,7 @@ impl<'a> Bench<'a> {
             time_limit: None,
             stop,
             tell,
+            seen: RefCell::default(),
             began: Instant::now(),
             share: OnceCell::new(),
             solved: RefCell::default(),

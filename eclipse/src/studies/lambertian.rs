@@ -86,7 +86,7 @@ impl Pair {
         let solved = bench.each(bench.seeds(), |seed| {
             let occluded = Setup {
                 seed,
-                ..Setup::of(bench.scale)
+                ..Setup::telling(bench.scale)
             };
             let clear = Setup {
                 person: None,
@@ -181,7 +181,7 @@ fn evidence(bench: &Bench<'_>, pairs: &[Pair], made: bool) -> Evidence {
 }
 
 fn conditions_of_small(bench: &Bench<'_>) -> String {
-    let setup = Setup::of(bench.scale);
+    let setup = Setup::telling(bench.scale);
     format!(
         "No pair of captures NAME and NAME{CLEAR} was given with --captures: these were made for it, three balls that touch under six \
          lamps, {} photographs of {} x {} pixels; {} of noise and solver alike; {} steps of the fast preset.",
@@ -189,7 +189,7 @@ fn conditions_of_small(bench: &Bench<'_>) -> String {
         setup.resolution,
         setup.resolution,
         seeds(bench.seeds().end),
-        small::steps(bench)
+        small::telling_steps(bench)
     )
 }
 

@@ -52,7 +52,7 @@ impl Study for Parametrisation {
                     seed,
                     ..Setup::of(bench.scale)
                 };
-                let trial = setup.trial(object.name())?;
+                let trial = setup.trial(bench, object.name())?;
                 for variant in variants {
                     // The pictures are of the first capture.
                     let shown = seed == 0 && *object == Object::ALL[0] && TABLE.contains(variant);

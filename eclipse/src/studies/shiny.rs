@@ -55,7 +55,7 @@ impl Row {
                 seed,
                 ..Setup::of(bench.scale)
             };
-            let trial = setup.trial(&format!("balls of α {alpha}"))?;
+            let trial = setup.trial(bench, &format!("balls of α {alpha}"))?;
             let settings = Settings {
                 iterations: Some(bench.of_scale(STEPS)),
                 ..settings(bench, &trial, seed)

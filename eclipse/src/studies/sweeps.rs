@@ -11,7 +11,7 @@ use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
     evidence::{Axis, Chart, Content, Figure, Series, listed, seeds},
-    small::{BATCH, Setup, iterations, limit, misfit, solve, solve_by_rays, steps},
+    small::{BATCH, Setup, iterations, limit, misfit, solve, solve_by_rays, telling_steps},
 };
 use crate::report::text::number;
 
@@ -61,7 +61,7 @@ impl From<Setup> for Case {
 /// What is varied, and over which values: at a glance, quick, and in full. Quick ones have a third value where a part of the
 /// claim is about a trend.
 fn sweeps(bench: &Bench<'_>) -> Vec<Sweep> {
-    let base = Setup::of(bench.scale);
+    let base = Setup::telling(bench.scale);
     let sweep = |name, label, logarithmic, values: [&[f32]; 3], set: &dyn Fn(f32) -> Case| Sweep {
         name,
         label,
@@ -115,19 +115,6 @@ fn sweeps(bench: &Bench<'_>) -> Vec<Sweep> {
             },
         ),
         sweep(
-            "images",
-            "photographs",
-            false,
-            [&[6.0], &[8.0, 16.0], &[4.0, 8.0, 16.0, 32.0, 64.0, 96.0]],
-            &|frames| {
-                Setup {
-                    frames: frames as usize,
-                    ..base
-                }
-                .into()
-            },
-        ),
-        sweep(
             "noise",
             "noise of a photograph's value of 0.75",
             true,
@@ -146,6 +133,20 @@ fn sweeps(bench: &Bench<'_>) -> Vec<Sweep> {
             &|rays| Case {
                 setup: base,
                 rays: Some(rays as u64),
+            },
+        ),
+        // Last: cameras elsewhere have to look anew.
+        sweep(
+            "images",
+            "photographs",
+            false,
+            [&[6.0], &[24.0, 48.0], &[8.0, 16.0, 32.0, 48.0, 96.0]],
+            &|frames| {
+                Setup {
+                    frames: frames as usize,
+                    ..base
+                }
+                .into()
             },
         ),
     ]
@@ -371,7 +372,7 @@ fn evidence(bench: &Bench<'_>, curves: &[Curve]) -> Evidence {
 }
 
 fn conditions(bench: &Bench<'_>) -> String {
-    let base = Setup::of(bench.scale);
+    let base = Setup::telling(bench.scale);
     format!(
         "Three balls under six lamps of {}° (standard deviation), matt, {} photographs of {} x {} pixels, noise {}, a person of usual \
          height, unless varied; {} for lamps, noise and solver alike. The fast preset but for secondary rays, {} steps: its coarse stage, so that no error \
@@ -382,7 +383,7 @@ fn conditions(bench: &Bench<'_>) -> String {
         base.resolution,
         base.noise,
         seeds(bench.seeds().end),
-        steps(bench),
+        telling_steps(bench),
     )
 }
 

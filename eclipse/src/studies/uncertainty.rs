@@ -37,7 +37,7 @@ impl Study for Uncertain {
                 seed,
                 ..Setup::of(bench.scale)
             }
-            .trial("balls")?;
+            .trial(bench, "balls")?;
             let settings = settings(bench, &trial, seed);
             let solved = bench.reconstructed(&trial, &format!("draw {seed}"), &settings)?;
             let draw = Draw::new(&trial, &solved)?;
