@@ -389,6 +389,19 @@ fn an_albedo_is_cut_out_by_the_photograph_of_its_own_frame() {
 }
 
 #[test]
+fn a_capture_stands_for_the_truth_in_it() {
+    let folder = written(|_| ());
+    let of_capture = evaluate(folder.path(), &perfect::bundled()).unwrap();
+    let of_truth = evaluate(folder.path(), &perfect::bundled().join("truth")).unwrap();
+    assert_eq!(of_capture, of_truth);
+    // One without a truth still is none.
+    let capture = tempfile::tempdir().unwrap();
+    fs::create_dir(capture.path().join("truth")).unwrap();
+    let error = evaluate(folder.path(), capture.path()).unwrap_err();
+    assert!(error.to_string().contains("holds no truth"), "{error}");
+}
+
+#[test]
 fn what_is_missing_is_named() {
     let truth = perfect::bundled().join("truth");
     let empty = tempfile::tempdir().unwrap();

@@ -38,7 +38,8 @@ the novel split in a folder for each scene, such as cup_scene002/0003.exr.";
 pub(super) struct EvaluateArguments {
     /// Folder that reconstruct wrote; with --stanford-orb, of predicted views.
     pub folder: PathBuf,
-    /// Folder with the truth: environment.exr, occluders.exr, albedo_NNN.exr, truth.json, as far as known.
+    /// Folder with the truth, or capture with a folder truth: environment.exr, occluders.exr, albedo_NNN.exr, truth.json, as far as
+    /// known.
     #[arg(long, value_name = "DIR")]
     pub truth: Option<PathBuf>,
     /// Scores by the scripts of Stanford-ORB: PSNR-H, PSNR-L and SSIM against a scene of blender_HDR.

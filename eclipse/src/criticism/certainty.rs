@@ -97,7 +97,7 @@ fn free([least, most]: [f64; 2]) -> [f64; 2] {
 /// The products of all folds but one, with the gradient that is left when that one is taken from a vanishing sum.
 fn left_out(total: &Gram, fold: &Gram, layout: &Layout) -> Gram {
     let mut rest = total.without(fold);
-    rest.residual_from(fold, -1.0, layout);
+    rest.residual_without(fold, layout);
     rest
 }
 

@@ -108,12 +108,12 @@ impl Gram {
         rest
     }
 
-    /// Takes the products with the residual from a fold, times `factor`.
-    pub fn residual_from(&mut self, fold: &Self, factor: f64, layout: &Layout) {
+    /// Takes the products with the residual to be what is left when those of a fold are taken from a sum that vanishes.
+    pub fn residual_without(&mut self, fold: &Self, layout: &Layout) {
         let residual = layout.residual();
         for i in 0..=residual {
             let at = i * layout.columns + residual;
-            self.head[at] = factor * fold.head[at];
+            self.head[at] = -fold.head[at];
         }
     }
 

@@ -60,11 +60,19 @@ pub fn metrics(folder: &Path) -> Result<Metrics, EvaluateError> {
     Ok(json(&folder.join(layout::METRICS), parse_metrics)?.unwrap_or_default())
 }
 
-/// Reads a capture's truth, whatever there is of it.
+/// Reads a capture's truth, whatever there is of it: from the folder that holds it, or from the capture that holds that.
 ///
 /// # Errors
 /// A file that cannot be read, or a folder without any truth.
 pub fn truth(folder: &Path) -> Result<Truth, EvaluateError> {
+    let within = folder.join("truth");
+    match truth_in(folder) {
+        Err(EvaluateError::NoTruth { .. }) if within.is_dir() => truth_in(&within),
+        found => found,
+    }
+}
+
+fn truth_in(folder: &Path) -> Result<Truth, EvaluateError> {
     let environment = optional(&folder.join(layout::ENVIRONMENT), environment)?;
     let occluders = optional(&folder.join("occluders.exr"), |path| Ok(read_exr(path)?))?;
     let occluders = occluders.map(|stack| unstack(&first_channel(&stack)));

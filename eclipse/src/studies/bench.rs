@@ -1,7 +1,9 @@
 //! Where studies reconstruct: what they may use, what was solved already, and what they had to do without.
 
+mod budget;
+
 use std::{
-    cell::{OnceCell, RefCell},
+    cell::RefCell,
     collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
     rc::Rc,
@@ -9,6 +11,7 @@ use std::{
     time::Instant,
 };
 
+use self::budget::Budget;
 use super::{
     Scale, StudyError,
     evidence::seeds,
@@ -26,25 +29,6 @@ use crate::{
 
 /// Seeds of the solver: a claim that holds for one may be luck.
 const SEEDS: u64 = 3;
-/// Seconds for a reconstruction of a capture that was given: at a glance; quick, at most; in full.
-const SECONDS: [f64; 3] = [2.0, 120.0, 600.0];
-/// Seconds that all reconstructions of given captures may take together where everything is quick.
-///
-/// `study all --quick` is to end within two hours on two cores. With four captures and a real one it makes 24 (`recovery`;
-/// `masks`, `relighting` and `lambertian` use the same) + 18 (`time`, most for a part of the limit) + 9 (`real`) = 51 solves: 41
-/// limits, of 80 s then.
-const QUICK_BUDGET: f64 = 3300.0;
-/// Seconds in which everything is to be over where everything is quick, a little less than two hours. What studies before the first
-/// solve of a given capture took, which is longer on a slower machine, is taken from the solves.
-const QUICK_END: f64 = 6900.0;
-/// Seconds that go to waste for each limit: loading, the last step, scoring, pages, and what is solved beside it.
-const AROUND: f64 = 15.0;
-/// Seconds that a solve is given however late it is: less shows nothing.
-const LEAST: f64 = 20.0;
-/// What a quick run solves for, in limits: of each capture with occluders modelled and without; of the one whose quality over
-/// time is looked at, beyond that (see `time`); of a real one with either assumption on occluders and without.
-const QUICK_LIMITS: [f64; 3] = [2.0, 2.75, 3.0];
-
 /// What a study computes with. Studies that run after one another share what they have solved.
 pub struct Bench<'a> {
     /// How much to compute.
@@ -67,9 +51,7 @@ pub struct Bench<'a> {
     pub tell: &'a dyn Fn(&str),
     /// What the cameras of the last capture of our own see of its object: the next one often has the same.
     pub(super) seen: RefCell<Seen>,
-    began: Instant,
-    /// Seconds for a quick solve, the same for all of a run once one has asked: solves are shared.
-    share: OnceCell<f64>,
+    budget: Budget,
     solved: RefCell<BTreeMap<String, Rc<Solved>>>,
     trials: RefCell<BTreeMap<PathBuf, Rc<Trial>>>,
     lacks: RefCell<Lacks>,
@@ -84,12 +66,6 @@ pub(super) struct Lacks {
     pub unusable: Vec<String>,
     /// Whether the caller's stop kept it from a part of its work.
     pub cut: bool,
-}
-
-/// Seconds for each of so many limits, when so many seconds are over.
-fn share(limits: f64, spent: f64) -> f64 {
-    let left = (QUICK_END - spent) / limits - AROUND;
-    left.min(QUICK_BUDGET / limits).max(LEAST)
 }
 
 /// Whether a folder is a capture that can be scored.
@@ -126,8 +102,7 @@ impl<'a> Bench<'a> {
             stop,
             tell,
             seen: RefCell::default(),
-            began: Instant::now(),
-            share: OnceCell::new(),
+            budget: Budget::start(),
             solved: RefCell::default(),
             trials: RefCell::default(),
             lacks: RefCell::default(),
@@ -159,23 +134,12 @@ impl<'a> Bench<'a> {
 
     /// Seconds for a reconstruction of a capture that was given. Quick ones share an hour or so among them.
     pub fn seconds(&self) -> f64 {
-        let most = self.of_scale(SECONDS);
-        let spent = || self.began.elapsed().as_secs_f64();
-        let usual = || match self.scale {
-            Scale::Quick => *self
-                .share
-                .get_or_init(|| most.min(share(self.quick_limits(), spent()))),
-            Scale::Glance | Scale::Full => most,
+        let limits = || {
+            let captures = self.folders().map_or(0, |folders| folders.len());
+            budget::limits(captures, self.real.is_some(), SEEDS)
         };
+        let usual = || self.budget.seconds(self.scale, limits);
         self.time_limit.unwrap_or_else(usual)
-    }
-
-    /// How many times the limit all studies together reconstruct for.
-    fn quick_limits(&self) -> f64 {
-        let captures = self.folders().map_or(0, |folders| folders.len());
-        let real = f64::from(u8::from(self.real.is_some()));
-        let [each, over_time, of_real] = QUICK_LIMITS;
-        SEEDS as f64 * (each * captures as f64 + over_time + of_real * real)
     }
 
     /// What a page says of seeds and time.
@@ -476,6 +440,8 @@ mod tests {
         with_bench(Scale::Quick, 4, |bench| {
             let alone = bench.seconds();
             assert!((100.0..105.0).contains(&alone), "{alone}");
+            // Solves are shared: what the first was given, all are.
+            assert_eq!(bench.seconds(), alone);
         });
         with_bench(Scale::Quick, 4, |mut bench| {
             bench.real = Some(Path::new("real"));
@@ -483,21 +449,6 @@ mod tests {
             assert!((78.0..82.0).contains(&with_real), "{with_real}");
         });
         with_bench(Scale::Full, 40, |bench| assert_eq!(bench.seconds(), 600.0));
-    }
-
-    #[test]
-    fn what_came_before_is_taken_from_solves_so_that_all_ends_in_time() {
-        let limits = 41.25;
-        assert_eq!(share(limits, 0.0), 80.0);
-        assert_eq!(share(limits, 2900.0), 80.0);
-        let late = share(limits, 4000.0);
-        assert!(late < 80.0 && 4000.0 + limits * (late + AROUND) <= QUICK_END + 1.0);
-        assert_eq!(share(limits, 9000.0), LEAST);
-        // Solves are shared: what the first was given, all are.
-        with_bench(Scale::Quick, 4, |bench| {
-            let first = bench.seconds();
-            assert_eq!(bench.share.get(), Some(&first));
-        });
     }
 
     #[test]
