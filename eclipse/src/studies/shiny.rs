@@ -15,8 +15,6 @@ use crate::{image_io::white, report::text::number, settings::Settings};
 const ALPHAS: [f32; 2] = [0.2, 0.6];
 /// Steps of a reconstruction: the lobe is fitted anew in every round.
 const STEPS: [u64; 3] = [1, 30, 30];
-/// Pixels across and down: highlights are small.
-const RESOLUTION: [usize; 3] = [16, 48, 64];
 /// Largest error of α, relative, and of κ that count as recovered.
 const CLOSE: [f64; 2] = [0.25, 0.02];
 
@@ -50,10 +48,9 @@ impl Row {
         let solved = bench.each(bench.seeds(), |seed| {
             let setup = Setup {
                 alpha: Some(alpha),
-                resolution: bench.of_scale(RESOLUTION),
                 scene: seed,
                 seed,
-                ..Setup::of(bench.scale)
+                ..Setup::telling(bench.scale)
             };
             let trial = setup.trial(bench, &format!("balls of α {alpha}"))?;
             let settings = Settings {
@@ -140,6 +137,7 @@ fn misses(alpha: f64, alphas: &[f64], kappas: &[f64]) -> Vec<String> {
 }
 
 fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
+    let base = Setup::telling(bench.scale);
     let held: Vec<bool> = rows.iter().map(Row::held).collect();
     let sentences: Vec<String> = rows
         .iter()
@@ -215,9 +213,9 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
         notes: vec![format!(
             "Three balls under six lamps of 12°, {} photographs of {} x {} pixels, a person in the light; {} for lamps, noise and \
              solver alike; the fast preset, {} steps. It fits one lobe for the whole object, which is true here.",
-            Setup::of(bench.scale).frames,
-            bench.of_scale(RESOLUTION),
-            bench.of_scale(RESOLUTION),
+            base.frames,
+            base.resolution,
+            base.resolution,
             seeds(bench.seeds().end),
             bench.of_scale(STEPS),
         )],

@@ -152,14 +152,19 @@ impl Solved {
 
     /// The recovered albedo through a camera, in the truth's scale: R, G, B.
     pub fn albedo_through(&self, frame: usize) -> Image {
+        let scale = self.scale.map(|s| 1.0 / s.max(1e-12) as f32);
+        scaled(&self.own_albedo_through(frame), scale)
+    }
+
+    /// The same as it was found.
+    pub fn own_albedo_through(&self, frame: usize) -> Image {
         let materials = &self.found.materials[frame];
         let pixels = materials.data.chunks_exact(materials.channels);
-        let rgb = Image {
+        Image {
             channels: 3,
             data: pixels.flat_map(|p| [p[0], p[1], p[2]]).collect(),
             ..*materials
-        };
-        scaled(&rgb, self.scale.map(|s| 1.0 / s.max(1e-12) as f32))
+        }
     }
 }
 

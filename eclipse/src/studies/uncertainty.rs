@@ -56,7 +56,7 @@ impl Study for Uncertain {
     }
 }
 
-/// One draw of noise and what came of it, in the truth's scale.
+/// One draw of noise and what came of it.
 struct Draw {
     light: Values,
     /// Through all cameras, one after the other.
@@ -74,26 +74,17 @@ impl Draw {
         let doubt = solved.found.uncertainty.as_ref();
         let doubt = doubt.ok_or(StudyError::Nothing("standard deviations"))?;
         let solving = solved.found.curve.last().map_or(f64::NAN, |p| p.seconds);
-        let scaled = |image: &Image, scale: fn(f64) -> f64| -> Vec<f32> {
-            let values = image.data.iter().enumerate();
-            values
-                .map(|(i, value)| value * scale(solved.scale[i % 3]) as f32)
-                .collect()
-        };
+        let albedo = doubt.albedo.iter().flat_map(|image| &image.data);
         let draw = Self {
             light: Values {
-                found: solved.light().data,
-                deviation: scaled(&doubt.environment, |scale| scale),
+                found: solved.found.environment.data.clone(),
+                deviation: doubt.environment.data.clone(),
             },
             albedo: Values {
                 found: (0..trial.capture.frames.len())
-                    .flat_map(|frame| solved.albedo_through(frame).data)
+                    .flat_map(|frame| solved.own_albedo_through(frame).data)
                     .collect(),
-                deviation: doubt
-                    .albedo
-                    .iter()
-                    .flat_map(|image| scaled(image, |scale| 1.0 / scale.max(1e-12)))
-                    .collect(),
+                deviation: albedo.copied().collect(),
             },
             masks: masks(trial, solved, doubt),
             cost: doubt.summary.seconds / solving,
@@ -233,8 +224,8 @@ fn evidence(bench: &Bench<'_>, quantities: &[Quantity; 3], draws: &[Draw]) -> Ev
                 steps(bench)
             ),
             "Laplace's approximation at the solve's end: covariance (1 + A)⁻¹ in units of the prior, A by Lanczos' iteration on the \
-             tape's products. Light and albedo are compared in the truth's scale, one factor a channel; deviations include what is not \
-             known of that factor. Directions count alike for the light; for masks by the true light from them and their solid angle; \
+             tape's products. Light and albedo are compared as they were found, without a best scale: how bright the one is and how dark \
+             the other is a part of what is not known. Directions count alike for the light; for masks by the true light from them and their solid angle; \
              for the albedo every pixel that the object covers wholly. Ranks are those of values of which some deviation is predicted."
                 .into(),
         ],
