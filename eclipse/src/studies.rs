@@ -85,7 +85,7 @@ const PAPERS_SCALE: &str = "The paper's scale is 256 images of 400 x 400, batche
     eight graphics cards: 1.3e8 rays an iteration. On two cores this program draws 4 to 5 million rays a second where they are cast and 9 to \
     11 million where visibility is cached, 12 to 34 seconds an iteration, so that ten thousand take one and a half to four days; the images \
     alone take 0.7 GB. Reconstructions are given ten minutes each instead, of captures as large as they are, and small captures of a study's \
-    own have 16 photographs of 40 to 64 pixels.";
+    own have 16 photographs of 40 x 40 pixels or 48 of 64 x 64.";
 
 /// One experiment.
 pub trait Study: Sync {

@@ -108,7 +108,7 @@ pub(super) enum PaperStudy {
     /// S6: materials of shiny objects.
     #[command(mut_args(as_used_by("shiny")))]
     Shiny(PaperArguments),
-    /// Fig. 9 and S3: lamps, roughness, person, photographs and noise, one at a time.
+    /// Fig. 9 and S3: lamps, roughness, person, noise, rays and photographs, one at a time.
     #[command(mut_args(as_used_by("sweeps")))]
     Sweeps(PaperArguments),
     /// S5: recovered objects in other light, with other finishes.

@@ -41,9 +41,9 @@ const ALIKE: f64 = 0.03;
 /// What to say where a part of the claim fails.
 const FAILURES: [&str; 4] = [
     "the two photographs can be told apart even without an occluder",
-    "more than a tenth of the mirror's light lies above that degree, or less than half of the other",
+    "more than a tenth of the mirror's light lies above degree 4, or less than half of the matt sphere's light",
     "the occluder does not make the difference five times as large",
-    "the occluder does not change the mirror twice as much as the matt sphere",
+    "the shadow's edge on the mirror is not twice as sharp as on the matt sphere",
 ];
 /// Seeds of light and occluder.
 const SEEDS: std::ops::Range<u64> = 0..3;
@@ -68,8 +68,11 @@ struct Pair {
     sharp: Image,
     blurred: Image,
     mask: Image,
-    /// n·v of each pixel.
+    /// n·v of each pixel, and pixels across.
     facing: Vec<f32>,
+    width: usize,
+    /// Towards the camera.
+    outgoing: Vec3,
     matt: [Image; 2],
     mirror: [Image; 2],
 }
@@ -103,6 +106,8 @@ impl Pair {
             sharp: sharp.image().clone(),
             blurred: blurred.image().clone(),
             facing: facing(&camera),
+            width: size,
+            outgoing: eye.normalize(),
             mask,
         }
     }
@@ -130,10 +135,55 @@ impl Pair {
         let (before, after) = (self.difference(0, RIM), self.difference(1, RIM));
         [
             before < ALIKE,
-            detail(&self.blurred) < 0.1 && detail(&self.sharp) > 0.5,
+            self.detail_of_mirrored() < 0.1 && detail(&self.sharp) > 0.5,
             after > 5.0 * before,
-            self.change(&self.mirror) > 2.0 * self.change(&self.matt),
+            self.edge(&self.mirror) > 2.0 * self.edge(&self.matt),
         ]
+    }
+
+    /// How much of the mirror's light is detail, as far as it is judged by: directions behind the sphere, which only the rim reflects,
+    /// are as bright as those around them.
+    fn detail_of_mirrored(&self) -> f64 {
+        let mut light = self.blurred.clone();
+        let facing = |texel: usize| {
+            let direction = GRID.texel_direction(texel / GRID.columns, texel % GRID.columns);
+            let normal = (direction + self.outgoing).normalize_or_zero();
+            normal.dot(self.outgoing)
+        };
+        let mut ring = ([0.0; 3], 0.0);
+        for (texel, pixel) in light.data.chunks_exact(3).enumerate() {
+            if (RIM..RIM + 0.1).contains(&facing(texel)) {
+                let weight = GRID.solid_angle(texel / GRID.columns);
+                (0..3).for_each(|c| ring.0[c] += weight * pixel[c]);
+                ring.1 += weight;
+            }
+        }
+        for (texel, pixel) in light.data.chunks_exact_mut(3).enumerate() {
+            if facing(texel) < RIM {
+                pixel.copy_from_slice(&ring.0.map(|sum| sum / ring.1));
+            }
+        }
+        detail(&light)
+    }
+
+    /// How sharp the occluder's shadow is: by how much of the light that is left neighbouring pixels differ at most.
+    fn edge(&self, photographs: &[Image; 2]) -> f32 {
+        let grey = |image: &Image, p: usize| image.data[3 * p..3 * p + 3].iter().sum::<f32>();
+        let left = |p: usize| match self.facing[p] > RIM {
+            true => Some(grey(&photographs[1], p) / grey(&photographs[0], p).max(1e-6)),
+            false => None,
+        };
+        let step = |p: usize, q: usize| match (left(p), left(q)) {
+            (Some(a), Some(b)) => (a - b).abs(),
+            _ => 0.0,
+        };
+        let pixels = 0..self.facing.len();
+        let steps = pixels.flat_map(|p| {
+            let across = ((p + 1) % self.width > 0).then(|| step(p, p + 1));
+            let down = (p + self.width < self.facing.len()).then(|| step(p, p + self.width));
+            across.into_iter().chain(down)
+        });
+        steps.fold(0.0, f32::max)
     }
 
     /// How much the occluder changes a sphere.
@@ -271,7 +321,14 @@ fn evidence(pairs: &[Pair]) -> Evidence {
         range(&|p| p.change(&p.matt)),
         range(&|p| p.change(&p.mirror)),
     );
-    let (sharp, soft) = (range(&|p| detail(&p.sharp)), range(&|p| detail(&p.blurred)));
+    let (sharp, soft) = (
+        range(&|p| detail(&p.sharp)),
+        range(&Pair::detail_of_mirrored),
+    );
+    let edges = [
+        range(&|p| p.edge(&p.matt).into()),
+        range(&|p| p.edge(&p.mirror).into()),
+    ];
     let (opaque, translucent) = (
         range(&|p| p.unexplained()[0]),
         range(&|p| p.unexplained()[1]),
@@ -311,19 +368,23 @@ fn evidence(pairs: &[Pair]) -> Evidence {
             "difference_with_the_rim": {"without_occluder": whole[0], "with_occluder": whole[1]},
             "change_by_occluder": {"matt": matt, "mirror": mirror},
             "light_above_degree_4": {"matt": sharp, "mirror": soft},
+            "sharpest_edge_of_shadow": {"matt": edges[0], "mirror": edges[1]},
             "unexplained_by_a_mirror": {"opaque_occluder": opaque, "translucent_occluder": translucent},
         }),
         figures: figures(&pairs[0]),
         details: vec![format!(
             "Differences are RMS over RMS, the least and the most of three seeds of lamps, camera and occluder. {} of the variance of the \
              matt sphere's light and {} of the mirror's lie above degree {LOW}. The rim, where the sphere faces the camera by less than {RIM} \
-             (n·v), is left out; with it the photographs differ by {} and {}. The occluder changes the matt sphere by {}, the mirror by {}.",
+             (n·v), is left out; with it the photographs differ by {} and {}. The occluder changes the matt sphere by {}, the mirror by {}; from pixel to pixel the share of light that it leaves changes by {} \
+             at most on the one, by {} on the other.",
             percent(sharp),
             percent(soft),
             percent(whole[0]),
             percent(whole[1]),
             percent(matt),
             percent(mirror),
+            percent(edges[0]),
+            percent(edges[1]),
         )],
         notes: vec![
             format!(
@@ -421,6 +482,9 @@ mod tests {
             assert!((0.85..0.95).contains(&(seen(RIM) / seen(0.0))));
             let [opaque, translucent] = pair.unexplained();
             assert!(translucent < opaque, "{translucent} {opaque}");
+            // What the sphere hides is no detail of the light that it shows.
+            assert!(pair.detail_of_mirrored() <= detail(&pair.blurred) + 1e-3);
+            assert!(pair.edge(&pair.mirror) > pair.edge(&pair.matt));
         }
     }
 
@@ -430,6 +494,7 @@ mod tests {
         pair.matt[1] = pair.matt[0].clone();
         pair.mirror[1] = pair.mirror[0].clone();
         assert_eq!(pair.change(&pair.matt), 0.0);
+        assert_eq!(pair.edge(&pair.mirror), 0.0);
         assert_eq!(pair.difference(0, RIM), pair.difference(1, RIM));
     }
 

@@ -152,7 +152,7 @@ impl<'a> Bench<'a> {
             Scale::Full => "The captures used are as large as they are.",
         };
         format!(
-            "The fast preset, {} s for each reconstruction on {} threads, {seeds}. {full} Results depend on the machine's speed, as \
+            "The fast preset, {} s for each reconstruction on {} threads, {seeds} of the solver with the same photographs. {full} Results depend on the machine's speed, as \
              time ends the work; on a busy machine they are worse.",
             number(self.seconds()),
             self.threads

@@ -80,11 +80,12 @@ impl Pair {
         })
     }
 
-    /// Of small captures, where none are given; seeds are of the noise as well.
+    /// Of small captures, where none are given; seeds are of lamps and noise as well.
     fn made(bench: &Bench<'_>) -> Result<Self, StudyError> {
         let mut shown = None;
         let solved = bench.each(bench.seeds(), |seed| {
             let occluded = Setup {
+                scene: seed,
                 seed,
                 ..Setup::telling(bench.scale)
             };
@@ -184,7 +185,7 @@ fn conditions_of_small(bench: &Bench<'_>) -> String {
     let setup = Setup::telling(bench.scale);
     format!(
         "No pair of captures NAME and NAME{CLEAR} was given with --captures: these were made for it, three balls that touch under six \
-         lamps, {} photographs of {} x {} pixels; {} of noise and solver alike; {} steps of the fast preset.",
+         lamps, {} photographs of {} x {} pixels; {} of lamps, noise and solver alike; {} steps of the fast preset.",
         setup.frames,
         setup.resolution,
         setup.resolution,

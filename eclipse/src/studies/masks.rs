@@ -220,17 +220,28 @@ fn figures(rows: &[Row]) -> Vec<Figure> {
             continue;
         }
         shown.push(&row.trial.name);
-        let lights = row.points.iter().map(|p| p[0]).filter(|&l| l > 0.0);
+        let of_capture = || {
+            rows.iter()
+                .filter(|other| other.trial.name == row.trial.name)
+        };
+        let points = || of_capture().flat_map(|row| &row.points);
+        let lights = points().map(|p| p[0]).filter(|&l| l > 0.0);
         let [low, high] = lights.fold([f64::INFINITY, 0.0], |[low, high]: [f64; 2], l| {
             [low.min(l), high.max(l)]
         });
         figures.push(Figure {
             name: format!("{}-error", row.trial.name),
-            caption: "Every direction that was blocked: its light, and the mean error of the masks that blocked it; first seed.".into(),
+            caption: "Every direction that was blocked: its light, and the mean error of the masks that blocked it.".into(),
             content: Content::Chart(Chart {
                 x: Axis::logarithmic("radiance, mean of channels", [0.9 * low, 1.1 * high]),
                 y: Axis::linear("mean |recovered − true|", [0.0, 1.0]),
-                series: vec![Series::dots(row.trial.name.clone(), row.points.clone())],
+                series: of_capture()
+                    .enumerate()
+                    .map(|(seed, row)| {
+                        Series::dots(row.trial.name.clone(), row.points.clone())
+                            .of_seed(seed as u64)
+                    })
+                    .collect(),
             }),
         });
         let most = row.map.data.iter().copied().fold(0.0, f32::max);

@@ -163,8 +163,8 @@ fn why(held: [bool; 2], found: [bool; 2]) -> &'static str {
     match (held, found) {
         ([true, true], _) => "",
         ([false, true], _) => {
-            "; what blocks the light here is no upright figure behind the camera, or no figure of one outline: without that assumption \
-             it is found"
+            "; as if what blocks the light here were no upright figure behind the camera, or no figure of one outline: without that \
+             assumption it is found"
         }
         ([true, false], _) => {
             "; without the assumption of a figure behind the camera they are explained no better, and why was not found"

@@ -296,7 +296,7 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Result<Evidence, StudyError> {
             .collect();
         if !misled.is_empty() {
             details.push(format!(
-                "Where nobody is in the light, to look for somebody takes time, or finds one: with it the light is worse in every seed on {}.",
+                "Where nobody is in the light, to look for somebody makes the light worse in every seed on {}: it takes time from all else, or finds one.",
                 misled.join(", ")
             ));
         }

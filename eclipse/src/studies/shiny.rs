@@ -102,7 +102,7 @@ impl Row {
 fn why(lights: &[f64]) -> &'static str {
     match range(lights)[0] > BLURRED {
         true => {
-            "the light was hardly found either, and a highlight is its image: too few photographs, too small, for both"
+            "the light was hardly found either, and a highlight is its image; the cause was not found"
         }
         false => "the cause was not found",
     }

@@ -15,7 +15,6 @@ use crate::{
         Truth,
         materials::{Specular, TrueAlbedo},
     },
-    inspect::limit::{Grain, MODEL_ERROR, limits, of_unknown_albedo},
     settings::{Batch, Preset, Settings},
     synthesize::{Occluders, Pattern, Scene, Shooting, SynthesizeError, synthesize_seen},
 };
@@ -82,8 +81,8 @@ impl Setup {
         }
     }
 
-    /// The same in as many pixels as a moving shadow takes to tell of the light: in each it is little. In sixteen photographs of 32 x
-    /// 32 pixels it drowns in their noise; in 48 of 48 x 48 it takes away a third of the light's error.
+    /// The same in as many pixels as a moving shadow takes to tell of the light: in each it is little, and in sixteen photographs of 32 x
+    /// 32 pixels somebody in the light was no help.
     pub fn telling(scale: Scale) -> Self {
         let (frames, resolution) = match scale {
             Scale::Glance => (6, 16),
@@ -179,8 +178,7 @@ impl Setup {
 
 /// Steps of a reconstruction: one at a glance, else the schedule's coarse stage, whose light has texels of 7°.
 const STEPS: [u64; 3] = [1, 24, 24];
-/// Steps of a reconstruction of a [`Setup::telling`] capture, in the same stage. More change little: 14 leave .54 of the error under
-/// lamps of 5° and .88 where nobody is in the light, 24 leave .55 and .88.
+/// Steps of a reconstruction of a [`Setup::telling`] capture, in the same stage.
 const TELLING_STEPS: [u64; 3] = [1, 14, 24];
 /// Memory for each in bytes, which divides the surface of so small an object into a few hundred patches, seconds each; fewer at a
 /// glance.
@@ -220,29 +218,6 @@ pub(super) const BATCH: Batch = Batch {
 /// Iterations of the paper's algorithm on a small capture.
 pub(super) fn iterations(bench: &Bench<'_>) -> u64 {
     bench.of_scale(ITERATIONS)
-}
-
-/// How finely it is asked what small captures can resolve.
-const GRAIN: Grain = Grain {
-    rows: 16,
-    patches: 300,
-};
-/// The same at a glance.
-const GLANCE: Grain = Grain {
-    rows: 8,
-    patches: 60,
-};
-
-/// What the best linear estimate leaves of light's variation, with somebody at a known place in the light and with nobody, where
-/// the albedo is not known.
-///
-/// # Errors
-/// A scene that cannot be rendered.
-pub(super) fn limit(bench: &Bench<'_>, setup: &Setup) -> Result<[f64; 2], StudyError> {
-    let trial = setup.trial(bench, setup.object.name())?;
-    let grain = bench.of_scale([GLANCE, GRAIN, GRAIN]);
-    let all = limits(&trial.capture, grain, MODEL_ERROR, setup.seed)?;
-    Ok(of_unknown_albedo(&all).unwrap_or([f64::NAN; 2]))
 }
 
 /// How small captures are reconstructed by the paper's algorithm: the same on any machine.

@@ -212,16 +212,15 @@ fn evidence() -> Evidence {
         circulant.windows(2).all(|w| w[1] < w[0]) && circulant[circulant.len() - 1] < 0.02,
     ];
     parts.extend(concentrated(Contrast::Low));
-    parts.extend(concentrated(Contrast::High));
-    let why = match &spectra[..] {
-        [_, _, _, s, ..] if s.around[0] <= 0.5 => format!(
-            " Not so for light of high contrast with a = 0.1: {} to {} there, because what lies off the diagonal is the light's own \
-             spectrum.",
+    let beyond = spectra.iter().find(|s| s.contrast == Contrast::High);
+    let beyond = beyond.map_or(String::new(), |s| {
+        format!(
+            " Beyond the claim, whose spectra leave it open: of the exponential of such a light, whose spectrum is another, {} to {} lies \
+             there for a = 0.1.",
             number(s.around[0]),
             number(s.around[1])
-        ),
-        _ => String::new(),
-    };
+        )
+    });
     let list = |values: Vec<String>| values.join(", ");
     Evidence {
         name: "theory",
@@ -232,8 +231,8 @@ fn evidence() -> Evidence {
                 approaches a circulant matrix.",
         verdict: Verdict::of(&parts),
         sentence: format!(
-            "for light of low contrast {} of a row's energy or more lies around the diagonal (a = 0.1, 1, 10), and AᵀA comes within {} of a \
-             circulant matrix at 32 observations, from {} at one.{why}",
+            "{} of a row's energy or more lies around the diagonal (a = 0.1, 1, 10; light as dark as its spectrum allows), and AᵀA comes \
+             within {} of a circulant matrix at 32 observations, from {} at one.{beyond}",
             list(spectra[..3].iter().map(|s| number(s.around[0])).collect()),
             number(circulant[circulant.len() - 1]),
             number(circulant[0]),

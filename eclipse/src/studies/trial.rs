@@ -170,17 +170,21 @@ impl Solved {
 
 /// What is to be said of the time of solves whose results are worse than was claimed: what can be seen of it, and no more.
 pub(super) fn ends<'a>(solved: impl IntoIterator<Item = &'a Solved>, seconds: f64) -> String {
-    let (mut all, mut cut) = (0, 0);
+    let (mut all, mut cut, mut counted) = (0, 0, 0);
     for solve in solved {
         all += 1;
         cut += usize::from(solve.found.ended == Ended::TimeLimit);
+        counted += usize::from(solve.found.ended == Ended::Iterations);
     }
-    because(all, cut, seconds)
+    because(all, [cut, counted], seconds)
 }
 
-/// The same of so many solves, some of them cut off.
-fn because(all: usize, cut: usize, seconds: f64) -> String {
+/// The same of so many solves, some of them cut off by their time, some after all the steps that they were given.
+fn because(all: usize, [cut, counted]: [usize; 2], seconds: f64) -> String {
     match cut {
+        0 if counted > 0 => format!(
+            "{counted} of the {all} solves behind it ended after the steps that they were given; whether more do better was not tested"
+        ),
         0 => format!(
             "none of the {all} solves behind it was cut off by its time limit: the cause was not found"
         ),
@@ -283,8 +287,10 @@ mod tests {
 
     #[test]
     fn time_is_blamed_only_where_it_ended_something() {
-        assert!(because(3, 0, 60.0).contains("the cause was not found"));
-        let cut = because(3, 2, 60.0);
+        assert!(because(3, [0, 0], 60.0).contains("the cause was not found"));
+        let counted = because(3, [0, 3], 60.0);
+        assert!(counted.starts_with("3 of the 3") && counted.contains("was not tested"));
+        let cut = because(3, [2, 0], 60.0);
         assert!(
             cut.starts_with("2 of the 3 solves") && cut.contains("60 s"),
             "{cut}"

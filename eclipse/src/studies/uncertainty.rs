@@ -19,6 +19,8 @@ use crate::{reconstruction::Uncertainty, report::text::number};
 const DRAWS: [u64; 3] = [2, 5, 12];
 /// Where so many times as many numbers may be known as were found to be, solves were too short for their deviations.
 const UNFINISHED: f64 = 1.5;
+/// Where masks truly block less, and deviate by less in every draw, they are not compared.
+const DOUBT: f32 = 0.01;
 /// Most dots of a figure.
 const DOTS: usize = 2000;
 
@@ -143,7 +145,16 @@ impl Quantity {
             f64::from(grid.solid_angle(texel / grid.columns) * rgb.iter().sum::<f32>())
         });
         let dark: Vec<f64> = dark.collect();
-        let blocked = masks.iter().flat_map(|mask| &mask.data).copied();
+        let blocked: Vec<f32> = masks.iter().flat_map(|mask| &mask.data).copied().collect();
+        // Of most directions nobody doubts that light passes: they would outweigh all others.
+        let doubtful = |i: usize| {
+            blocked[i] < 1.0 - DOUBT || draws.iter().any(|d| d.masks.deviation[i] > DOUBT)
+        };
+        let weights = (0..blocked.len()).map(|i| match doubtful(i) {
+            true => dark[i % dark.len()],
+            false => 0.0,
+        });
+        let weights: Vec<f64> = weights.collect();
         let frame = trial.truth.albedo.first().map(|truth| &truth.albedo);
         let frame = frame.map_or([0, 0, 3], |image| [image.width, image.height, 3]);
         [
@@ -163,12 +174,7 @@ impl Quantity {
                 shown: "the first photograph's albedo",
             },
             Self {
-                spread: Spread::new(
-                    "masks",
-                    &blocked.collect::<Vec<_>>(),
-                    dark.repeat(masks.len()),
-                    &of(|d| &d.masks),
-                ),
+                spread: Spread::new("masks", &blocked, weights, &of(|d| &d.masks)),
                 shape: [light.width, light.height, 1],
                 shown: "the first photograph's mask",
             },
@@ -225,7 +231,8 @@ fn evidence(bench: &Bench<'_>, quantities: &[Quantity; 3], draws: &[Draw]) -> Ev
             ),
             "Laplace's approximation at the solve's end: covariance (1 + A)⁻¹ in units of the prior, A by Lanczos' iteration on the \
              tape's products. Light and albedo are compared as they were found, without a best scale: how bright the one is and how dark \
-             the other is a part of what is not known. Directions count alike for the light; for masks by the true light from them and their solid angle; \
+             the other is a part of what is not known. Directions count alike for the light; for masks by the true light from them and their solid angle, \
+             where something truly blocks a hundredth of it or the deviation is above 0.01 in some draw; \
              for the albedo every pixel that the object covers wholly. Ranks are those of values of which some deviation is predicted."
                 .into(),
         ],

@@ -65,7 +65,8 @@ pub(super) fn claims(rows: &[Row]) -> Vec<Claim> {
         .filter(|row| matches!(row.variant, Variant::Degree(_)));
     let lowest = lower.min_by_key(|row| degree(row.variant));
     if let (Some(full), Some(lowest)) = (row(rows, first, Variant::Full), lowest) {
-        let held = full.light() <= (1.0 + ALIKE) * lowest.light();
+        let mut pairs = full.scores.iter().zip(&lowest.scores);
+        let held = pairs.all(|(full, lowest)| full.light <= (1.0 + ALIKE) * lowest.light);
         claims.push(Claim {
             what: "harmonics of high degree do as well as those of the lowest or better",
             parts: vec![Part::new(full, held)],
