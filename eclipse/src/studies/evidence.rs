@@ -142,6 +142,38 @@ pub struct Figure {
     pub content: Content,
 }
 
+impl Figure {
+    /// What was measured of `places` with every seed, in several ways: labels, each with `[place][seed]`.
+    pub fn of_seeds(
+        name: &str,
+        what: &str,
+        value: &str,
+        places: &[String],
+        ways: &[(&str, Vec<Vec<f64>>)],
+    ) -> Self {
+        let series = ways.iter().flat_map(|(label, values)| {
+            let places = values.iter().enumerate();
+            Series::dots_by_seed(
+                label,
+                places.map(|(index, seeds)| (index as f64 + 1.0, seeds.clone())),
+            )
+        });
+        let all = ways.iter().flat_map(|(_, values)| values.iter().flatten());
+        let most = all.copied().filter(|v| v.is_finite()).fold(1e-3, f64::max);
+        let numbered = places.iter().zip(1..);
+        let numbered: Vec<String> = numbered.map(|(name, n)| format!("{n} {name}")).collect();
+        Self {
+            name: name.to_owned(),
+            caption: format!("{what}, a dot a seed: {}.", numbered.join(", ")),
+            content: Content::Chart(Chart {
+                x: Axis::linear("as numbered below", [0.0, places.len() as f64 + 1.0]),
+                y: Axis::linear(value, [0.0, 1.1 * most]),
+                series: series.collect(),
+            }),
+        }
+    }
+}
+
 /// What a figure shows.
 #[derive(Clone, Debug)]
 pub enum Content {

@@ -167,7 +167,10 @@ fn evidence(bench: &Bench<'_>, pairs: &[Pair], made: bool) -> Evidence {
         verdict: Verdict::of(&held),
         sentence: sentences.join("; ") + ".",
         numbers: Value::Object(numbers),
-        figures: pairs.iter().map(figure).collect(),
+        figures: [errors(pairs)]
+            .into_iter()
+            .chain(pairs.iter().map(figure))
+            .collect(),
         details: Vec::new(),
         notes: vec![
             match made {
@@ -191,6 +194,25 @@ fn conditions_of_small(bench: &Bench<'_>) -> String {
         setup.resolution,
         seeds(bench.seeds().end),
         small::telling_steps(bench)
+    )
+}
+
+/// The light's errors of every pair.
+fn errors(pairs: &[Pair]) -> Figure {
+    let of = |solved: fn(&Pair) -> &[Rc<Solved>]| -> Vec<Vec<f64>> {
+        let errors = pairs.iter().map(|pair| Pair::errors(solved(pair)));
+        errors.collect()
+    };
+    let names = pairs.iter().map(|pair| pair.occluded.name.clone());
+    Figure::of_seeds(
+        "errors",
+        "Relative RMSE of the light with somebody in it and by the object's own shadows alone",
+        "relative RMSE of the light",
+        &names.collect::<Vec<_>>(),
+        &[
+            ("somebody in the light", of(|pair| &pair.shadows)),
+            ("own shadows alone", of(|pair| &pair.alone)),
+        ],
     )
 }
 

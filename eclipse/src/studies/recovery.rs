@@ -241,6 +241,27 @@ impl Row {
     }
 }
 
+/// The light's errors of every capture, with occluders modelled and without.
+fn errors(rows: &[Row]) -> Figure {
+    let of = |solved: fn(&Row) -> &[Rc<Solved>]| -> Vec<Vec<f64>> {
+        let errors = rows
+            .iter()
+            .map(|row| values(solved(row), Solved::environment_error));
+        errors.collect()
+    };
+    let names: Vec<String> = rows.iter().map(|row| row.trial.name.clone()).collect();
+    Figure::of_seeds(
+        "errors",
+        "Relative RMSE of the light with occluders modelled and not",
+        "relative RMSE of the light",
+        &names,
+        &[
+            ("occluders modelled", of(|row| &row.modelled)),
+            ("not modelled", of(|row| &row.ignored)),
+        ],
+    )
+}
+
 fn values(solved: &[Rc<Solved>], of: fn(&Solved) -> f64) -> Vec<f64> {
     solved.iter().map(|s| of(s)).collect()
 }
@@ -335,7 +356,10 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Result<Evidence, StudyError> {
         verdict: Verdict::of(&parts.iter().map(|(.., held)| *held).collect::<Vec<_>>()),
         sentence,
         numbers: Value::Object(numbers),
-        figures: rows.iter().flat_map(Row::figures).collect(),
+        figures: [errors(rows)]
+            .into_iter()
+            .chain(rows.iter().flat_map(Row::figures))
+            .collect(),
         details,
         notes: vec![
             bench.conditions(),

@@ -317,6 +317,27 @@ impl<'a> Surface<'a> {
     }
 }
 
+/// Errors of every capture, light and finish, with occluders modelled and without.
+fn errors(rows: &[Row]) -> Figure {
+    let names = rows.iter().flat_map(|row| {
+        LIGHTS.iter().flat_map(move |width| {
+            let finishes = FINISHES.iter();
+            finishes.map(move |finish| format!("{} {width}° {}", row.trial.name, finish.words()))
+        })
+    });
+    let of = |way: usize| -> Vec<Vec<f64>> {
+        let cells = rows.iter().flat_map(|row| row.errors.iter().flatten());
+        cells.map(|pair| pair[way].clone()).collect()
+    };
+    Figure::of_seeds(
+        "errors",
+        "Relative RMSE of the relit object with occluders modelled and not",
+        "relative RMSE of the object",
+        &names.collect::<Vec<_>>(),
+        &[("occluders modelled", of(0)), ("not modelled", of(1))],
+    )
+}
+
 fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
     let held: Vec<bool> = rows.iter().flat_map(Row::parts).collect();
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
@@ -368,9 +389,8 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
             sentences.join("; ")
         ),
         numbers: Value::Object(numbers),
-        figures: rows
-            .iter()
-            .map(|row| {
+        figures: std::iter::once(errors(rows))
+            .chain(rows.iter().map(|row| {
                 let bright = white([&row.shown[2]]);
                 let picture = |words: &str, k: usize| Picture::light(words, &row.shown[k], bright);
                 Figure {
@@ -382,7 +402,7 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
                         picture("true", 2),
                     ]),
                 }
-            })
+            }))
             .collect(),
         details: Vec::new(),
         notes: vec![
