@@ -273,9 +273,9 @@ mod tests {
             let claims = claims(&rows);
             claims[claims.len() - 1].held().collect::<Vec<_>>()
         };
-        // The full model leaves 0.55 on average.
-        assert_eq!(with(0.545), [true]);
-        assert_eq!(with(0.5), [false]);
+        // The full model leaves 0.6 in one of its seeds, 0.55 on average.
+        assert_eq!(with(0.595), [true]);
+        assert_eq!(with(0.545), [false]);
         assert_eq!(with(f64::NAN), [false]);
     }
 }

@@ -4,8 +4,6 @@ use crate::{report::text::number, studies::ranks::rank_correlation};
 
 /// Errors are of the size of deviations when their ratio lies between this and one over it.
 pub(super) const HONEST: f64 = 0.5;
-/// Draws may spread by so much of the deviation: by all of it, and what a handful of draws leaves open.
-const ALLOWED: f64 = 1.25;
 /// Where deviations are large errors should be: least rank correlation over values.
 const CORRELATED: f64 = 0.4;
 
@@ -33,6 +31,8 @@ pub(super) struct Spread {
     pub error: Vec<f64>,
     /// Shares of errors within one and two deviations.
     pub within: [f64; 2],
+    /// Draws may spread by so much of the deviation: by all of it and the standard error of a deviation that so many draws tell.
+    allowed: f64,
 }
 
 impl Spread {
@@ -71,6 +71,7 @@ impl Spread {
             between,
             error,
             within: within.map(|sum| sum / all),
+            allowed: 1.0 + (2.0 * (n - 1.0)).sqrt().recip(),
         }
     }
 
@@ -117,7 +118,7 @@ impl Spread {
     pub(super) fn parts(&self) -> [bool; 4] {
         [
             honest(self.size()),
-            self.noise() <= ALLOWED,
+            self.noise() <= self.allowed,
             self.place() > CORRELATED,
             self.within[1] > COVERED,
         ]
