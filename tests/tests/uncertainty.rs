@@ -198,13 +198,13 @@ fn more_products_only_make_surer_and_all_is_more_than_noise() {
     let (at, _) = small.shared.linearise(z).unwrap();
     let radiance = at.radiance().unwrap();
     drop(at);
-    // Without a look at the data there is the prior.
+    // Without a look at the data there is the prior, of the logarithm: half the width of e^±σ.
     for ((deviation, radiance), prior) in all[0]
         .iter()
         .zip(&radiance)
         .zip(small.shared.prior_variances(z))
     {
-        let expected = radiance * prior.sqrt() as f32;
+        let expected = radiance * prior.sqrt().sinh() as f32;
         assert!((deviation - expected).abs() <= 1e-4 * expected);
     }
     for pair in all.windows(2) {
