@@ -100,13 +100,16 @@ pub fn correct(
     Data { value, weight }
 }
 
-/// Huber's weights: misfits far beyond the usual (the edge of a shadow out of place) count by their size, not its square.
+/// Huber's weights: misfits far beyond the usual (the edge of a shadow out of place) count by their size, not its square. Where
+/// even the usual misfit is far beyond what its variance says, the model leaves something out, and all weights are divided by
+/// that excess squared (the ratio of Birge, Phys. Rev. 40, 1932): light, shadows and albedo would else be bent to explain it.
 struct Trust {
+    /// The usual misfit, in standard deviations.
     scale: f64,
 }
 
 impl Trust {
-    /// Where the influence of a misfit stops growing, in units of the usual.
+    /// Where the influence of a misfit stops growing, in units of the usual; and how many standard deviations are usual still.
     const BEND: f64 = 1.5;
 
     fn new(misfit: &[[f64; 3]], variance: &dyn Fn(usize, usize) -> f64) -> Self {
@@ -123,7 +126,9 @@ impl Trust {
     }
 
     fn of(&self, misfit: f64, variance: f64) -> f64 {
-        (Self::BEND * self.scale * variance.sqrt() / misfit.abs().max(1e-12)).min(1.0)
+        let excess = (self.scale / Self::BEND).max(1.0);
+        let far = misfit.abs() / (Self::BEND * self.scale * variance.sqrt());
+        1.0 / (far.max(1.0) * excess.powi(2))
     }
 }
 

@@ -32,6 +32,29 @@ pub fn fitted_half(width: usize, pixel: usize) -> bool {
     (pixel % width / BLOCK + pixel / width / BLOCK).is_multiple_of(2)
 }
 
+/// A render of a held-out photograph, of whose object `mask` is the coverage, times the gain of each channel that explains its fitted half best: how well a model without an
+/// occluder of the frame's own can do by a number that stands for one.
+pub fn gained(photograph: &Image, mask: &Image, render: &Image) -> Image {
+    let mut products = [[0.0f64; 2]; 3];
+    for p in (0..mask.data.len()).filter(|&p| mask.data[p] > 0.999) {
+        if fitted_half(photograph.width, p) {
+            for (c, [with, own]) in products.iter_mut().enumerate() {
+                let value = f64::from(render.data[3 * p + c]);
+                *with += value * f64::from(photograph.data[3 * p + c]);
+                *own += value * value;
+            }
+        }
+    }
+    let gain = products.map(|[with, own]| if own > 0.0 { with / own } else { 1.0 });
+    let mut gained = render.clone();
+    for pixel in gained.data.chunks_exact_mut(3) {
+        for (value, gain) in pixel.iter_mut().zip(gain) {
+            *value = (f64::from(*value) * gain) as f32;
+        }
+    }
+    gained
+}
+
 /// The parameters with those of the occluders of the frames `held` fitted to half of their pixels; `materials` are images
 /// through each camera.
 ///
@@ -183,5 +206,37 @@ mod tests {
         let fitted = (0..128 * 128).filter(|&p| fitted_half(128, p)).count();
         assert_eq!(fitted, 128 * 128 / 2);
         assert!(fitted_half(128, 7) && !fitted_half(128, 8) && !fitted_half(128, 8 * 128));
+    }
+
+    /// Twice the render where it is fitted and four times where it is judged: the gain knows nothing of the latter.
+    #[test]
+    fn gains_are_of_the_fitted_half_alone() {
+        let (width, height) = (32, 16);
+        let of = |values: &dyn Fn(usize, usize) -> f32| Image {
+            width,
+            height,
+            channels: 3,
+            data: (0..3 * width * height)
+                .map(|i| values(i / 3, i % 3))
+                .collect(),
+        };
+        let render = of(&|p, c| 0.1 + 0.01 * (p % 7) as f32 + 0.1 * c as f32);
+        let photograph = of(&|p, c| {
+            let factor = if fitted_half(width, p) { 2.0 } else { 4.0 };
+            factor * (1.0 + c as f32) * render.data[3 * p + c]
+        });
+        let mask = Image {
+            channels: 1,
+            data: vec![1.0; width * height],
+            ..photograph.clone()
+        };
+        let gained = gained(&photograph, &mask, &render);
+        for (i, (gained, render)) in gained.data.iter().zip(&render.data).enumerate() {
+            let expected = 2.0 * (1.0 + (i % 3) as f32) * render;
+            assert!(
+                (gained - expected).abs() < 1e-5,
+                "{i}: {gained}, {expected}"
+            );
+        }
     }
 }

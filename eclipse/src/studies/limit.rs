@@ -85,22 +85,28 @@ impl Studied {
         limits.iter().map(|limit| limit.error).collect()
     }
 
-    /// What somebody in the light, at a known place, leaves of the error when the albedo is not known: in the worst seed.
-    fn left(&self) -> f64 {
-        let (with, without) = (self.errors(true, false), self.errors(false, false));
+    /// What somebody in the light, at a known place, leaves of the error with the albedo known or not: in the worst seed.
+    fn left(&self, albedo: bool) -> f64 {
+        let (with, without) = (self.errors(true, albedo), self.errors(false, albedo));
         let shares: Vec<f64> = with.iter().zip(&without).map(|(a, b)| a / b).collect();
         range(&shares)[1]
     }
 
+    /// Whether somebody there tells light from albedo and, beyond that, shows what the object's own shadows do not. Without anybody
+    /// an unknown albedo a patch explains nearly all that a matt object shows: the former alone would be little to ask.
+    fn parts(&self) -> [bool; 2] {
+        [false, true].map(|albedo| self.left(albedo) < HELPS)
+    }
+
     fn held(&self) -> bool {
-        self.left() < HELPS
+        self.parts() == [true; 2]
     }
 
     fn sentence(&self) -> String {
         let error = |operator, albedo| listed(&self.errors(operator, albedo));
         let rows = self.seeds.iter().flatten().map(|limit| limit.grid.rows);
         format!(
-            "the best linear estimate of light by texels of {}° is off by {} of its variation with somebody at a known place in the \
+            "the best linear estimate of light by texels of {}° is off by {} of its RMS variation with somebody at a known place in the \
              light and the albedo unknown, by {} with nobody there ({} and {} with the albedo known)",
             number(180.0 / rows.max().unwrap_or(1) as f64),
             error(true, false),
@@ -135,6 +141,13 @@ impl Studied {
         if self.held() {
             return String::new();
         }
+        if self.parts()[0] {
+            return format!(
+                "; with the albedo known, {} of the error without anybody there is left in the worst seed: the object's own shadows \
+                 tell nearly as much",
+                number(self.left(true))
+            );
+        }
         let alone = range(&self.errors(false, false))[0];
         let told_albedo = range(&self.errors(false, true))[0];
         let words = match (alone < TOLD, told_albedo < TOLD) {
@@ -150,7 +163,7 @@ impl Studied {
         };
         format!(
             "; of the error without anybody there {} is left in the worst seed: {words}",
-            number(self.left())
+            number(self.left(false))
         )
     }
 }
@@ -172,7 +185,7 @@ fn label(limit: &Limit) -> String {
 }
 
 fn evidence(bench: &Bench<'_>, studied: &[Studied]) -> Evidence {
-    let held: Vec<bool> = studied.iter().map(Studied::held).collect();
+    let held: Vec<bool> = studied.iter().flat_map(Studied::parts).collect();
     let sentences = studied.iter();
     let sentences = sentences.map(|s| format!("{}: {}{}", s.name, s.sentence(), s.why()));
     let sentences: Vec<String> = sentences.collect();
@@ -185,8 +198,8 @@ fn evidence(bench: &Bench<'_>, studied: &[Studied]) -> Evidence {
         name: "limit",
         title: "What the photographs can tell of the light at best",
         source: "Beyond the paper; compare its Fig. 3",
-        claim: "Somebody who moves through the light makes visible what the object alone blurs away, so that light can be told from \
-                albedo.",
+        claim: "Somebody who moves through the light lets it be told from albedo and, were the albedo known, still makes visible what \
+                the object alone blurs away.",
         verdict: Verdict::of(&held),
         sentence: in_short(studied),
         numbers: Value::Object(numbers),
@@ -228,10 +241,12 @@ fn in_short(studied: &[Studied]) -> String {
     let failed = studied.iter().filter(|s| !s.held());
     let failed: Vec<&str> = failed.map(|s| &*s.name).collect();
     format!(
-        "the best linear estimate of light leaves {} of its variation where somebody stands at a known place in it, {} where nobody does, the \
-         albedo being unknown ({}){}.",
+        "the best linear estimate of light leaves {} of its RMS variation where somebody stands at a known place in it, {} where nobody \
+         does, the albedo being unknown; {} and {} were it known ({}){}.",
         percent(true, false),
         percent(false, false),
+        percent(true, true),
+        percent(false, true),
         names.join(", "),
         match failed.is_empty() {
             true => String::new(),
@@ -254,7 +269,7 @@ fn figures(studied: &Studied) -> Vec<Figure> {
     let resolved = Figure {
         name: format!("{}-resolved", studied.name),
         caption: "The share of the light's variance that the photographs reveal, over the size of the detail: 1 is everything, 0 \
-                  nothing. A line a seed."
+                  nothing; errors elsewhere are RMS, so that an error e of the finest detail is a share 1 - e² here. A line a seed."
             .into(),
         content: Content::Chart(Chart {
             x: Axis::linear("size of detail, degrees", [0.0, 1.05 * coarsest]),
