@@ -1,17 +1,21 @@
 //! Fig. 9 and S3: one thing varied at a time on small captures of our own, with somebody in the light and with nobody.
 
+mod figure;
 mod trend;
 
 use std::cmp::Ordering;
 
 use serde_json::{Map, Value, json};
 
-use self::trend::{Trend, in_short};
+use self::{
+    figure::figure,
+    trend::{Trend, in_short},
+};
 use super::trial::Solved;
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
-    evidence::{Axis, Chart, Content, Figure, Series, listed, seeds},
+    evidence::{listed, seeds},
     small::{BATCH, Setup, iterations, misfit, solve, solve_by_rays, telling_steps},
 };
 use crate::report::text::number;
@@ -275,6 +279,14 @@ impl Curve {
             .collect()
     }
 
+    /// What came of the claim here, in a word.
+    fn outcome(&self) -> &'static str {
+        match self.tested() {
+            true => outcome(self.helpless().is_empty()),
+            false => "not tested",
+        }
+    }
+
     /// What was measured that explains no help.
     fn why(&self) -> String {
         match self.misfit {
@@ -297,11 +309,12 @@ impl Curve {
             format!("{} to {}", number(means[0]), number(means[means.len() - 1]))
         };
         let helpless = self.helpless();
+        let outcome = self.outcome();
         let but = match (self.tested(), helpless.is_empty()) {
-            (false, _) => format!(" (not tested: {})", self.why()),
-            (true, true) => " (better in every seed: held)".to_owned(),
+            (false, _) => format!(" ({outcome}: {})", self.why()),
+            (true, true) => format!(" (better in every seed: {outcome})"),
             (true, false) => format!(
-                " (no help in some seed at {}: not held; {})",
+                " (no help in some seed at {}: {outcome}; {})",
                 listed(&helpless),
                 self.why()
             ),
@@ -315,6 +328,14 @@ impl Curve {
             ends(0),
             ends(1),
         )
+    }
+}
+
+/// A part of the claim that was tested, in a word.
+fn outcome(held: bool) -> &'static str {
+    match held {
+        true => "held",
+        false => "not held",
     }
 }
 
@@ -396,41 +417,6 @@ fn conditions(bench: &Bench<'_>) -> String {
         seeds(bench.seeds().end),
         telling_steps(bench),
     )
-}
-
-fn figure(curve: &Curve) -> Figure {
-    let sweep = &curve.sweep;
-    let line = |label: &str, which: usize| {
-        let points = sweep.points.iter().zip(curve.means(which));
-        Series::line(label, points.map(|((x, _), y)| [*x, y]).collect())
-    };
-    let dots = |label: &str, which: usize| {
-        let points = sweep.points.iter().zip(&curve.errors);
-        let of_seeds = points.map(|((x, _), pairs)| (*x, pairs.iter().map(|p| p[which]).collect()));
-        Series::dots_by_seed(label, of_seeds)
-    };
-    let xs = || sweep.points.iter().map(|p| p.0);
-    let (low, high) = (xs().fold(f64::INFINITY, f64::min), xs().fold(0.0, f64::max));
-    let ys = || curve.errors.iter().flatten().flatten().copied();
-    let worst = 1.1 * ys().fold(0.0, f64::max).max(1e-3);
-    Figure {
-        name: sweep.name.to_owned(),
-        caption: format!("Relative squared error of the light over {}.", sweep.label),
-        content: Content::Chart(Chart {
-            x: match sweep.logarithmic {
-                true => Axis::logarithmic(sweep.label, [0.9 * low, 1.1 * high]),
-                false => Axis::linear(sweep.label, [0.0, 1.05 * high]),
-            },
-            y: Axis::linear("relative squared error", [0.0, worst]),
-            series: [
-                vec![line("somebody, mean", 0)],
-                dots("somebody", 0),
-                vec![line("nobody, mean", 1)],
-                dots("nobody", 1),
-            ]
-            .concat(),
-        }),
-    }
 }
 
 #[cfg(test)]

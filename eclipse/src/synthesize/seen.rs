@@ -24,27 +24,26 @@ struct Of {
     distance: f32,
 }
 
-impl Seen {
-    fn is_of(&self, mesh: &Mesh, shooting: &Shooting) -> bool {
-        self.of.as_ref().is_some_and(|of| {
-            (&of.positions, &of.normals, &of.faces) == (&mesh.positions, &mesh.normals, &mesh.faces)
-                && (of.frames, of.resolution) == (shooting.frames, shooting.resolution)
-                && of.distance == shooting.distance
-        })
+impl Of {
+    fn new(mesh: &Mesh, shooting: &Shooting) -> Self {
+        Self {
+            positions: mesh.positions.clone(),
+            normals: mesh.normals.clone(),
+            faces: mesh.faces.clone(),
+            frames: shooting.frames,
+            resolution: shooting.resolution,
+            distance: shooting.distance,
+        }
     }
+}
 
+impl Seen {
     /// Forgets what is of another object or of other cameras.
     pub(super) fn forget_others(&mut self, mesh: &Mesh, shooting: &Shooting) {
-        if !self.is_of(mesh, shooting) {
+        let of = Some(Of::new(mesh, shooting));
+        if self.of != of {
             self.looks.clear();
-            self.of = Some(Of {
-                positions: mesh.positions.clone(),
-                normals: mesh.normals.clone(),
-                faces: mesh.faces.clone(),
-                frames: shooting.frames,
-                resolution: shooting.resolution,
-                distance: shooting.distance,
-            });
+            self.of = of;
         }
     }
 
@@ -98,7 +97,7 @@ mod tests {
         ] {
             let plain = synthesize(&scene, shooting, |_| true).unwrap();
             let again = synthesize_seen(&scene, shooting, Some(&mut seen), |_| true).unwrap();
-            assert!(seen.is_of(&again.capture.mesh, shooting));
+            assert!(seen.of == Some(Of::new(&again.capture.mesh, shooting)));
             assert_eq!(seen.looks.len(), shooting.frames);
             let photographs = plain.capture.frames.iter().zip(&again.capture.frames);
             for (plain, again) in photographs {

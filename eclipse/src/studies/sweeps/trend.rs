@@ -1,6 +1,6 @@
 //! What the paper says of trends along the sweeps, and everything in short.
 
-use super::{Curve, LAMPS, PERSON, ROUGHNESS};
+use super::{Curve, LAMPS, PERSON, ROUGHNESS, outcome};
 use crate::studies::evidence::listed;
 
 /// A part of the claim beyond "better with somebody than with nobody": what is less at one end of a sweep than at the other, in every
@@ -49,7 +49,7 @@ impl Trend {
             .map(|v| v.iter().sum::<f64>() / v.len() as f64)
             .collect();
         let values: Vec<f64> = curve.sweep.points.iter().map(|point| point.0).collect();
-        let word = if held { "held" } else { "not held" };
+        let word = outcome(held);
         Some(Self {
             what,
             words: format!(
@@ -88,23 +88,18 @@ impl Trend {
 pub(super) fn in_short(curves: &[Curve], trends: &[Trend]) -> String {
     let of = |curve: &Curve| {
         let values: Vec<f64> = curve.sweep.points.iter().map(|point| point.0).collect();
-        let word = match (curve.tested(), curve.helpless().is_empty()) {
-            (false, _) => "not tested",
-            (true, true) => "held",
-            (true, false) => "not held",
-        };
         format!(
-            "{} {}: {} with somebody in the light, {} with nobody ({word})",
+            "{} {}: {} with somebody in the light, {} with nobody ({})",
             curve.sweep.label,
             listed(&values),
             listed(&curve.means(0)),
-            listed(&curve.means(1))
+            listed(&curve.means(1)),
+            curve.outcome()
         )
     };
-    let trends = trends.iter().map(|trend| {
-        let word = if trend.held { "held" } else { "not held" };
-        format!("{}: {word}", trend.what)
-    });
+    let trends = trends
+        .iter()
+        .map(|trend| format!("{}: {}", trend.what, outcome(trend.held)));
     let parts: Vec<String> = curves.iter().map(of).chain(trends).collect();
     format!(
         "relative squared errors of the light, means of seeds, by {}.",
