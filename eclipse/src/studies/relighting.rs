@@ -1,25 +1,22 @@
 //! S5: recovered objects under other light and with other roughness, against the truth relit the same way.
 
+mod materials;
+mod relit;
+
 use std::rc::Rc;
 
-use glam::Vec3;
-use rayon::prelude::*;
-use render::{
-    bsdf::{Material, Model},
-    bvh::{Bvh, SurfacePoint},
-    camera::Camera,
-    environment::EnvironmentMap,
-    image::Image,
-    lat_long::LatLong,
-    reference::Reference,
-};
+use render::{bvh::Bvh, environment::EnvironmentMap, image::Image};
 use serde_json::{Map, Value, json};
 
+use self::{
+    materials::{MaterialErrors, materials_in_words},
+    relit::{Finish, Relit, picture},
+};
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
     evidence::{Content, Figure, Picture, listed, range},
-    small::{KAPPA, lamps},
+    small::lamps,
     trial::{Solved, Trial},
 };
 use crate::{image_io::white, report::text::number};
@@ -30,10 +27,6 @@ const LIGHTS: [f32; 2] = [8.0, 30.0];
 const FINISHES: [Finish; 3] = [Finish::Own, Finish::Matt, Finish::Shiny(0.2)];
 /// Photographs' cameras through which is rendered.
 const VIEWS: [usize; 2] = [3, 8];
-/// Every so many pixels across and down; all of the pixels of the first view's pictures.
-const STEP: usize = 4;
-/// Rows of the grid on which light is integrated.
-const ROWS: usize = 25;
 
 /// The study.
 pub(super) struct Relighting;
@@ -60,46 +53,6 @@ impl Study for Relighting {
 /// Relative RMSE below which an object counts as relit.
 const CLOSE: f64 = 0.2;
 
-/// What is done to the surface before it is relit.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Finish {
-    Own,
-    Matt,
-    Shiny(f32),
-}
-
-impl Finish {
-    fn words(self) -> String {
-        match self {
-            Self::Own => "own finish".into(),
-            Self::Matt => "matt".into(),
-            Self::Shiny(alpha) => format!("α {alpha}"),
-        }
-    }
-
-    /// The material with this finish, and how it reflects.
-    fn of(self, albedo: [f32; 3], lobe: Option<[f32; 2]>) -> (Model, Material) {
-        let lobe = match self {
-            Self::Own => lobe,
-            Self::Matt => None,
-            Self::Shiny(alpha) => Some([alpha, KAPPA]),
-        };
-        let model = match lobe {
-            Some(_) => Model::Microfacet,
-            None => Model::Lambertian,
-        };
-        let [alpha, kappa] = lobe.unwrap_or([1.0, 0.0]);
-        (
-            model,
-            Material {
-                albedo: albedo.map(|a| a.clamp(0.0, 1.0)),
-                alpha,
-                kappa,
-            },
-        )
-    }
-}
-
 /// A capture's relit errors.
 struct Row {
     trial: Rc<Trial>,
@@ -111,41 +64,6 @@ struct Row {
     materials: [Vec<MaterialErrors>; 2],
     /// Truth and recovered under the first light, own finish.
     shown: [Image; 3],
-}
-
-/// How far recovered materials are from the true ones.
-#[derive(Clone, Copy)]
-struct MaterialErrors {
-    /// Decibels.
-    albedo: f64,
-    /// RMSE of α and κ, of shiny objects.
-    lobe: Option<[f64; 2]>,
-}
-
-impl MaterialErrors {
-    fn of(solved: &Solved) -> Self {
-        let of = &solved.scores.materials;
-        let lobe = of.alpha_rmse.zip(of.kappa_rmse);
-        Self {
-            albedo: solved.albedo(),
-            lobe: lobe.map(|(alpha, kappa)| [alpha, kappa]),
-        }
-    }
-}
-
-/// The same of every seed, for whoever reads it.
-fn materials_in_words(all: &[MaterialErrors]) -> String {
-    let albedo: Vec<f64> = all.iter().map(|m| m.albedo).collect();
-    let lobe = |k: usize| -> Vec<f64> { all.iter().filter_map(|m| Some(m.lobe?[k])).collect() };
-    match lobe(0).is_empty() {
-        true => format!("albedo {} dB", listed(&albedo)),
-        false => format!(
-            "albedo {} dB, α off by {}, κ by {}",
-            listed(&albedo),
-            listed(&lobe(0)),
-            listed(&lobe(1))
-        ),
-    }
 }
 
 impl Row {
@@ -225,143 +143,6 @@ impl Row {
             with.iter().zip(&without).all(|(a, b)| a < b),
             range(&with)[1] < CLOSE,
         ]
-    }
-}
-
-/// Radiance of chosen pixels under another light.
-struct Relit(Vec<[f32; 3]>);
-
-impl Relit {
-    /// Of what was recovered, or of the truth.
-    fn new(
-        bvh: &Bvh,
-        light: &EnvironmentMap,
-        finish: Finish,
-        trial: &Trial,
-        views: &[usize],
-        solved: Option<&Solved>,
-    ) -> Self {
-        let mut all = Vec::new();
-        for &view in views {
-            let surface = Surface::new(trial, view, solved);
-            let reference = reference(bvh, light, surface.model(finish));
-            let frame = &trial.capture.frames[view];
-            let camera = &frame.camera;
-            let pixels: Vec<[usize; 2]> = (0..camera.height)
-                .step_by(STEP)
-                .flat_map(|y| (0..camera.width).step_by(STEP).map(move |x| [x, y]))
-                .filter(|[x, y]| frame.mask.pixel(*x, *y)[0] > 0.999)
-                .collect();
-            let values: Vec<[f32; 3]> = pixels
-                .par_iter()
-                .map(|&pixel| {
-                    let material = |point: &SurfacePoint| surface.material(camera, point, finish);
-                    let [r, g, b, _] = reference.pixel(camera, pixel, None, material);
-                    [r, g, b]
-                })
-                .collect();
-            all.extend(values);
-        }
-        Self(all)
-    }
-
-    /// Relative RMSE, without any alignment beyond that of the albedo.
-    fn error(&self, truth: &Self) -> f64 {
-        let (mut off, mut all) = (0.0, 0.0);
-        for (a, b) in self.0.iter().flatten().zip(truth.0.iter().flatten()) {
-            off += f64::from(a - b).powi(2);
-            all += f64::from(*b).powi(2);
-        }
-        (off / all).sqrt()
-    }
-}
-
-/// All of a view under another light.
-fn picture(
-    bvh: &Bvh,
-    light: &EnvironmentMap,
-    finish: Finish,
-    trial: &Trial,
-    view: usize,
-    solved: Option<&Solved>,
-) -> Image {
-    let surface = Surface::new(trial, view, solved);
-    let camera = &trial.capture.frames[view].camera;
-    let material = |point: &SurfacePoint| surface.material(camera, point, finish);
-    let rgba = reference(bvh, light, surface.model(finish)).frame(camera, None, material);
-    Image {
-        channels: 3,
-        data: rgba
-            .data
-            .chunks_exact(4)
-            .flat_map(|p| [p[0], p[1], p[2]])
-            .collect(),
-        ..rgba
-    }
-}
-
-fn reference<'a>(bvh: &'a Bvh, light: &EnvironmentMap, model: Model) -> Reference<'a> {
-    let grid = LatLong::new(ROWS, 2 * ROWS);
-    Reference::with_radiance(bvh, grid, |d: Vec3| light.radiance(d), model, 2)
-}
-
-/// Materials as a camera sees them.
-struct Surface<'a> {
-    albedo: Image,
-    object: &'a [bool],
-    lobe: Option<[f32; 2]>,
-}
-
-impl<'a> Surface<'a> {
-    fn new(trial: &'a Trial, view: usize, solved: Option<&Solved>) -> Self {
-        let truth = &trial.truth.albedo[view];
-        let (albedo, lobe) = match solved {
-            None => {
-                let lobe = trial.truth.specular;
-                let lobe = lobe.map(|s| [s.alpha as f32, s.kappa as f32]);
-                (truth.albedo.clone(), lobe)
-            }
-            Some(solved) => {
-                let of = &solved.found.vertex_materials;
-                let lobe = of.first().filter(|_| trial.truth.specular.is_some());
-                (
-                    solved.albedo_through(view),
-                    lobe.map(|m| [m.alpha, m.kappa]),
-                )
-            }
-        };
-        Self {
-            albedo,
-            object: &truth.object,
-            lobe,
-        }
-    }
-
-    fn model(&self, finish: Finish) -> Model {
-        finish.of([0.5; 3], self.lobe).0
-    }
-
-    /// The material of the pixel that a point is seen in; of the nearest of the object beside it on silhouettes.
-    fn material(&self, camera: &Camera, point: &SurfacePoint, finish: Finish) -> Material {
-        let [x, y] = camera.project(point.position).unwrap_or_default();
-        let within = |v: f32, most: usize| (v.max(0.0) as usize).min(most - 1);
-        let (x, y) = (within(x, self.albedo.width), within(y, self.albedo.height));
-        let around = [[0i32, 0], [1, 0], [-1, 0], [0, 1], [0, -1]];
-        let pixel = around
-            .iter()
-            .map(|[dx, dy]| {
-                let x = x
-                    .saturating_add_signed(*dx as isize)
-                    .min(self.albedo.width - 1);
-                let y = y
-                    .saturating_add_signed(*dy as isize)
-                    .min(self.albedo.height - 1);
-                y * self.albedo.width + x
-            })
-            .find(|&p| self.object[p])
-            .unwrap_or(y * self.albedo.width + x);
-        let albedo = &self.albedo.data[self.albedo.channels * pixel..];
-        finish.of([albedo[0], albedo[1], albedo[2]], self.lobe).1
     }
 }
 
