@@ -50,14 +50,14 @@ fn moving_shadows_tell_more_of_the_light_than_shading() {
     );
 }
 
-/// What eight steps recover of the pair with an operator, every fourth frame held out.
+/// What two rounds recover of the pair with an operator, every fourth frame held out.
 fn of_held_out(occluders: bool, occluder_prior: OccluderPrior) -> Reconstruction {
     let settings = Settings {
         lambertian: true,
         occluders,
         occluder_prior,
         hold_out: Some(4),
-        iterations: Some(8),
+        iterations: Some(12),
         ..coarse()
     };
     let capture = pair(Occluders::Operator);

@@ -151,7 +151,7 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
         .iter()
         .map(|row| {
             format!(
-                "of α {} and κ {KAPPA} were found α {} and κ {}{}",
+                "α {}: found α {}, κ {} (true {KAPPA}){}",
                 number(row.alpha),
                 listed(&row.alphas()),
                 listed(&row.kappas()),
@@ -220,7 +220,7 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
         verdict: Verdict::of(&held),
         sentence: format!(
             "{} (within a quarter of α and {} of κ counts as recovered).",
-            sentences.join(". "),
+            sentences.join("; "),
             CLOSE[1]
         ),
         numbers: Value::Object(numbers),
