@@ -29,7 +29,7 @@ const ALONE: [Variant; 5] = [
     Variant::Bias(100.0),
 ];
 /// Iterations of the paper's algorithm: until about the noise is left of the photographs, which is what variants are compared at.
-const ITERATIONS: [u64; 3] = [2, 700, 4800];
+const ITERATIONS: [u64; 3] = [2, 800, 4800];
 /// Noise of the photographs: where there is little time as much as leaves less to explain.
 const NOISE: [f32; 3] = [0.02, 0.02, 0.005];
 /// Degrees of the harmonics below the paper's.

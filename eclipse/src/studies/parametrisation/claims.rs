@@ -145,14 +145,16 @@ pub(super) fn untested(rows: &[Row]) -> Option<String> {
     let short: Vec<&Row> = full.filter(|row| !reached_something(row)).collect();
     let objects: Vec<&str> = short.iter().map(|row| row.object.name()).collect();
     let misfits: Vec<f64> = short.iter().map(|row| row.mean(|s| s.misfit)).collect();
-    let [low, high] = range(&misfits);
+    let [low, high] = range(&misfits).map(number);
+    let times = match low == high {
+        true => low,
+        false => format!("{low} to {high}"),
+    };
     (!short.is_empty()).then(|| {
         format!(
-            "on the {} the full model ends with {} to {} times the variance of the photographs' noise, too far from its end for others to be \
+            "on the {} the full model ends with {times} times the variance of the photographs' noise, too far from its end for others to be \
              compared with it",
-            objects.join(", the "),
-            number(low),
-            number(high)
+            objects.join(", the ")
         )
     })
 }
