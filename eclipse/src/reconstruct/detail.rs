@@ -260,3 +260,45 @@ impl<'a> Place<'a> {
             .collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Misfits that are normal but for their size, in standard deviations of `size`.
+    fn misfits(size: f64) -> Vec<[f64; 3]> {
+        let quantile = |i: usize| {
+            // Logistic, whose quantiles are a formula; its median of squares is set to that of a normal distribution.
+            let u = (i as f64 + 0.5) / 900.0;
+            0.455f64.sqrt() / 3.0f64.ln() * (u / (1.0 - u)).ln()
+        };
+        (0..300)
+            .map(|i| [0, 1, 2].map(|c| size * quantile(3 * i + c)))
+            .collect()
+    }
+
+    #[test]
+    fn all_weights_fall_where_even_usual_misfits_are_far_beyond_their_variance() {
+        let variance = 0.01f64;
+        let of = |size: f64| {
+            let misfits = misfits(size * variance.sqrt());
+            Trust::new(&misfits, &|_, _| variance).of(0.0, variance)
+        };
+        for usual in [0.3, 1.0, 1.4] {
+            assert_eq!(of(usual), 1.0, "{usual}");
+        }
+        for beyond in [2.0, 6.0] {
+            let expected = (Trust::BEND / beyond).powi(2);
+            assert!((of(beyond) - expected).abs() < 0.02 * expected, "{beyond}");
+        }
+    }
+
+    #[test]
+    fn misfits_beyond_the_bend_count_by_their_size() {
+        let variance = 0.01f64;
+        let trust = Trust::new(&misfits(variance.sqrt()), &|_, _| variance);
+        let influence = |misfit: f64| misfit * trust.of(misfit, variance);
+        assert!((influence(0.1) - 0.1).abs() < 1e-12);
+        assert!((influence(0.3) - influence(3.0)).abs() < 1e-9);
+    }
+}

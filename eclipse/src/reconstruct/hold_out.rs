@@ -32,8 +32,8 @@ pub fn fitted_half(width: usize, pixel: usize) -> bool {
     (pixel % width / BLOCK + pixel / width / BLOCK).is_multiple_of(2)
 }
 
-/// A render of a held-out photograph, of whose object `mask` is the coverage, times the gain of each channel that explains its fitted half best: how well a model without an
-/// occluder of the frame's own can do by a number that stands for one.
+/// A render of a held-out photograph, of whose object `mask` is the coverage, times the gain of each channel that explains its
+/// fitted half best: how well a model without an occluder of the frame's own can do by a number that stands for one.
 pub fn gained(photograph: &Image, mask: &Image, render: &Image) -> Image {
     let mut products = [[0.0f64; 2]; 3];
     for p in (0..mask.data.len()).filter(|&p| mask.data[p] > 0.999) {

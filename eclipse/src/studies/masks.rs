@@ -162,7 +162,9 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
         )
     });
     let details = details.collect();
-    let weak = rows.iter().any(|row| row.blocked >= STRONG);
+    // A correlation that is no number is none.
+    let strong = |row: &Row| row.blocked < STRONG;
+    let weak = !rows.iter().all(strong);
     let chance = rows.iter().any(|row| row.turned >= CHANCE);
     let why = why(weak, chance);
     let numbers: Map<String, Value> = names

@@ -35,7 +35,7 @@ impl Study for Shiny {
     }
 }
 
-/// Photographs of a shiny object: a lobe takes many pixels more than it takes many photographs.
+/// Photographs of a shiny object: from three times as many its lobe was found no better, in more than the time.
 fn base(bench: &Bench<'_>) -> Setup {
     Setup {
         frames: Setup::BASE.frames.min(Setup::telling(bench.scale).frames),
