@@ -1,7 +1,7 @@
 //! Words that depend on a number.
 
-/// Where more than this is left unknown, nothing worth a run is known.
-const HARDLY: f64 = 0.95;
+/// Where no more than this share of the variance can be told, nothing worth a run can.
+const HARDLY: f64 = 0.1;
 
 /// So many of something: `1 picture`, `2 pictures`; `one` is its name in the singular.
 pub fn counted(number: usize, one: &str) -> String {
@@ -21,21 +21,22 @@ pub fn amount(bytes: u64) -> String {
     }
 }
 
-/// What photographs can tell of the light at best, and what follows, from the shares of the variation between parts of `texel` degrees
-/// that are left unknown with somebody behind each camera and with nobody there.
+/// What photographs can tell of the light, and what follows, from the RMS errors that the best linear estimate leaves of light that varies
+/// by 1 between parts of `texel` degrees, with somebody behind each camera and with nobody there. Told in shares of its variance.
 pub fn told_of_light(texel: f64, with_somebody: f64, with_nobody: f64) -> String {
-    let follows = if with_somebody > HARDLY {
+    let [somebody, nobody] = [with_somebody, with_nobody].map(|error| 1.0 - error * error);
+    let follows = if somebody < HARDLY {
         "hardly anything can be found of it"
-    } else if 1.0 - with_nobody < (1.0 - with_somebody) / 2.0 {
+    } else if nobody < somebody / 2.0 {
         "it is the shadows of whoever takes the photographs that tell it"
     } else {
         "much of it shows without anybody's shadow"
     };
     format!(
-        "at best {:.0} % of what sets parts of {texel:.0}° apart can be told with somebody behind each camera, {:.0} % with nobody there: \
-         {follows}",
-        100.0 * (1.0 - with_somebody),
-        100.0 * (1.0 - with_nobody)
+        "the best linear estimate, which assumes nothing of the light, tells {:.0} % of the light's variance in parts of {texel:.0}° with \
+         somebody behind each camera, {:.0} % with nobody there: {follows}",
+        100.0 * somebody,
+        100.0 * nobody
     )
 }
 
@@ -57,7 +58,7 @@ mod tests {
         assert!(follows(0.5, 0.99).ends_with("that tell it"));
         assert!(follows(0.5, 0.6).ends_with("without anybody's shadow"));
         assert!(follows(0.99, 0.99).contains("hardly anything"));
-        assert!(follows(0.5, 0.99).starts_with("at best 50 % of what sets parts of 22° apart"));
+        assert!(follows(0.5, 0.99).contains("tells 75 % of the light's variance in parts of 22°"));
     }
 
     #[test]

@@ -163,7 +163,7 @@ fn sparse_points_are_turned_as_the_capture_is() {
     for row in [
         "<td>sparse points</td><td>72, of which 72 lie in the mesh's box</td>",
         "<td>axis nearest to upward</td><td>z</td>",
-        "<td>light</td><td>at best ",
+        "<td>light</td><td>the best linear estimate, ",
     ] {
         assert!(page.contains(row), "{row}");
     }

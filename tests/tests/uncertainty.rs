@@ -84,13 +84,17 @@ impl Small {
 
     /// Photographs with another draw of noise.
     fn draw(&mut self, seed: u64) {
+        self.shared.fit_to(&self.observations, &self.drawn(seed));
+    }
+
+    fn drawn(&self, seed: u64) -> Data {
         let key = SampleKey {
             seed,
             frame: 7,
             ..SampleKey::default()
         };
         let mut stream = key.stream();
-        let data = Data {
+        Data {
             value: self
                 .clean
                 .iter()
@@ -101,8 +105,8 @@ impl Small {
                 .iter()
                 .map(|v| v.map(|v| 1.0 / (NOISE * v).powi(2).max(1e-12)))
                 .collect(),
-        };
-        self.shared.fit_to(&self.observations, &data);
+            excess: 1.0,
+        }
     }
 
     fn solve(&self) -> Vec<f32> {
@@ -164,20 +168,58 @@ fn agreement(found: &[f64], predicted: &[f32]) -> [f64; 2] {
 }
 
 #[test]
-fn noise_spreads_light_as_much_as_predicted() {
+fn noise_spreads_light_albedo_and_masks_as_much_as_predicted() {
     let mut small = Small::new(&perfect::capture(), Some(OccluderPrior::Operator));
-    let mut light = Vec::new();
+    let mut found: [Vec<Vec<f32>>; 3] = Default::default();
     for seed in 0..DRAWS {
         small.draw(seed);
         let z = small.solve();
-        let (at, _) = small.shared.linearise(&z).unwrap();
-        light.push(at.radiance().unwrap());
+        let (at, albedo) = small.shared.linearise(&z).unwrap();
+        found[0].push(at.radiance().unwrap());
+        found[1].push(albedo);
+        drop(at);
+        found[2].push(small.shared.masks(&z).unwrap());
     }
     let z = small.solve();
-    let predicted = small.deviations(&z, ALL, Part::Noise);
-    let [ratio, correlation] = agreement(&spread(&light), &predicted.radiance);
-    assert!((0.75..1.3).contains(&ratio), "{ratio}");
-    assert!(correlation > 0.8, "{correlation}");
+    let deviations = small.deviations(&z, ALL, Part::Noise);
+    let albedo = found[1].last().unwrap().iter().zip(&deviations.albedo);
+    let albedo = albedo.map(|(albedo, relative)| albedo * relative).collect();
+    let predicted = [deviations.radiance, albedo, deviations.masks];
+    for ((what, found), predicted) in ["light", "albedo", "masks"]
+        .iter()
+        .zip(&found)
+        .zip(&predicted)
+    {
+        let [ratio, correlation] = agreement(&spread(found), predicted);
+        assert!((0.75..1.3).contains(&ratio), "{what}: {ratio}");
+        assert!(correlation > 0.8, "{what}: {correlation}");
+    }
+}
+
+#[test]
+fn misfits_are_told_as_they_were_before_weights_were_lowered() {
+    let mut small = Small::new(&perfect::capture(), None);
+    small.draw(0);
+    let z = small.solve();
+    let mut misfit = |excess: f32| {
+        let mut data = small.drawn(0);
+        // Expected to be a sixth of what noise is; an excess is what weights were lowered for, by its square.
+        for weight in data.weight.iter_mut().flatten() {
+            *weight *= (6.0 / excess).powi(2);
+        }
+        data.excess = f64::from(excess);
+        small.shared.fit_to(&small.observations, &data);
+        let few = Effort {
+            products: 5,
+            probes: 1,
+        };
+        Posterior::new(&small.shared, &z, few, 1, &mut || true)
+            .unwrap()
+            .misfit
+    };
+    let [plain, lowered] = [misfit(1.0), misfit(4.0)];
+    assert!((4.0..6.5).contains(&plain), "{plain}");
+    assert!((lowered / plain - 1.0).abs() < 0.05, "{lowered} {plain}");
 }
 
 #[test]

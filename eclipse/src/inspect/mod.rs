@@ -253,6 +253,21 @@ fn of_capture(
         .collect();
     // A run does without them.
     let points = source.points.as_deref().map(read_points).transpose();
+    // Where lamps are known there is no environment to be found.
+    let glance = match capture.lamps {
+        None => Some(limit::at_a_glance(capture, u64::MAX)),
+        Some(_) => None,
+    };
+    let (limit, untold) = match glance {
+        Some(Ok(limit)) => (Some(limit), None),
+        Some(Err(error)) => (
+            None,
+            Some(format!(
+                "what can be told of the light was left out: {error}"
+            )),
+        ),
+        None => (None, None),
+    };
     let (points, unread) = match points {
         Ok(points) => (points.flatten(), None),
         Err(error) => (
@@ -271,11 +286,7 @@ fn of_capture(
         silhouettes: silhouettes(&frames),
         exposure: exposure::inspect(capture, &frames),
         coverage: coverage::inspect(capture),
-        // Where lamps are known there is no environment to be found.
-        limit: match capture.lamps {
-            None => limit::at_a_glance(capture, u64::MAX).ok(),
-            Some(_) => None,
-        },
+        limit,
         points: points.map(|points| of_points(capture, up, &points)),
         run: run(capture, settings),
         frames,
@@ -285,6 +296,7 @@ fn of_capture(
     inspection.warnings = warnings::all(&inspection);
     inspection.warnings.extend(source.notes.iter().cloned());
     inspection.warnings.extend(unread);
+    inspection.warnings.extend(untold);
     inspection
 }
 

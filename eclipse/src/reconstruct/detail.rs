@@ -29,6 +29,8 @@ pub struct Data {
     pub value: Vec<[f32; 3]>,
     /// One over the variance of each.
     pub weight: Vec<[f32; 3]>,
+    /// By its square all weights are less than the variances that were expected say, 1 or more: see `Trust`.
+    pub excess: f64,
 }
 
 /// Which patch each site belongs to: that which most of its pixels look at.
@@ -97,7 +99,11 @@ pub fn correct(
             (value, weight)
         })
         .unzip();
-    Data { value, weight }
+    Data {
+        value,
+        weight,
+        excess: trust.excess(),
+    }
 }
 
 /// Huber's weights: misfits far beyond the usual (the edge of a shadow out of place) count by their size, not its square. Where
@@ -125,10 +131,14 @@ impl Trust {
         }
     }
 
+    /// How far the usual misfit is beyond what is usual still.
+    fn excess(&self) -> f64 {
+        (self.scale / Self::BEND).max(1.0)
+    }
+
     fn of(&self, misfit: f64, variance: f64) -> f64 {
-        let excess = (self.scale / Self::BEND).max(1.0);
         let far = misfit.abs() / (Self::BEND * self.scale * variance.sqrt());
-        1.0 / (far.max(1.0) * excess.powi(2))
+        1.0 / (far.max(1.0) * self.excess().powi(2))
     }
 }
 

@@ -44,6 +44,8 @@ pub struct Shared {
     pub threads: usize,
     /// Shaded samples (patch, direction, frame) of one pass over the data.
     pub samples: usize,
+    /// [`Data::excess`] of what is fitted.
+    pub excess: f64,
     patches: usize,
     pyramid: Pyramid,
     deviation: Vec<f32>,
@@ -90,6 +92,7 @@ impl Shared {
             albedo_precision: 16.0,
             threads,
             samples: fixed.texel.len() * shells.frames(),
+            excess: 1.0,
             patches: observations.patches.len(),
             program: record(&pyramid)?,
             shells,
@@ -241,6 +244,7 @@ impl Shared {
         let dealt = |part: &dyn Fn(usize, usize) -> f32| {
             dealt(&self.lots, self.patches, observations, part)
         };
+        self.excess = data.excess;
         let value = dealt(&|i, c| data.value[i][c]);
         let weight = dealt(&|i, c| data.weight[i][c].sqrt());
         for (lot, (value, weight)) in self

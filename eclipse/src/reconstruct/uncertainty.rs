@@ -24,7 +24,7 @@ pub struct Posterior<'a> {
     /// Of each albedo, were the light known: by its data and prior, and the part of it that is noise.
     albedo_variance: Vec<[f64; 2]>,
     occluders: std::ops::Range<usize>,
-    /// Root mean square of the residuals, in units of what they were taken to be.
+    /// Root mean square of the residuals, in units of what they were expected to be before weights were lowered for their sake.
     pub misfit: f64,
 }
 
@@ -86,10 +86,11 @@ impl<'a> Posterior<'a> {
             go_on,
         );
         let own = projector.variances().iter().map(|variance| {
-            let tied = f64::from(shared.albedo_precision) * variance;
-            // Where there are no data there is the prior, whatever the misfit.
-            let all = (misfit * variance).min(1.0 / f64::from(shared.albedo_precision));
-            [all, misfit * variance * (1.0 - tied)]
+            // Data count as much less as the misfit says, the prior does not.
+            let tied = f64::from(shared.albedo_precision);
+            let data = (1.0 / variance - tied).max(0.0) / misfit;
+            let all = 1.0 / (data + tied);
+            [all, all.powi(2) * data]
         });
         Ok(Self {
             laplace,
@@ -98,7 +99,7 @@ impl<'a> Posterior<'a> {
             albedo,
             albedo_variance: own.collect(),
             occluders: shared.ranges()[1].clone(),
-            misfit: misfit.sqrt(),
+            misfit: shared.excess * misfit.sqrt(),
             at,
         })
     }

@@ -148,12 +148,14 @@ impl<'a> Page<'a> {
         )
     }
 
-    /// By how much the result is expected to be off.
+    /// By how much the result is expected to be off. Lamps weigh most in it, and the prior lets their texels differ more than those of
+    /// most lamps do: of even ones, errors are about half of what is told.
     fn doubt_in_words(&self) -> String {
         let doubt = self.reconstruction.uncertainty.as_ref();
         doubt.map_or(String::new(), |doubt| {
             format!(
-                " If the model is right, light is expected to be off by {} of its RMS and albedo by {}.",
+                " If the model is right, light is expected to be off by {} of its RMS and albedo by {}, and by less where light is \
+                 smoother than its prior allows.",
                 number(doubt.summary.environment),
                 number(doubt.summary.albedo)
             )

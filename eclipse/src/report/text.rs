@@ -74,7 +74,7 @@ pub(crate) fn limit(metrics: &Metrics) -> String {
         return String::new();
     };
     format!(
-        " Of the light, were all known but it and the albedo, {}.",
+        " Were all known but light and albedo, {}.",
         told_of_light(texel, somebody, nobody)
     )
 }
@@ -209,10 +209,10 @@ mod tests {
         metrics.extra.insert("limit".to_owned(), numbers);
         let text = limit(&metrics);
         assert!(
-            text.contains("at best 59 % of what sets parts of 22° apart"),
+            text.contains("tells 83 % of the light's variance in parts of 22°"),
             "{text}"
         );
-        assert!(text.contains("7 % with nobody"), "{text}");
+        assert!(text.contains(" 14 % with nobody"), "{text}");
     }
 
     #[test]

@@ -12,7 +12,7 @@ use crate::report::text::number;
 pub enum Verdict {
     /// In every part.
     Held,
-    /// Some parts did; the sentence says which not, and why.
+    /// Some parts did; the sentence says which did not, or were not tested, and why.
     HeldInPart,
     /// It did not.
     DidNotHold,
@@ -28,6 +28,15 @@ impl Verdict {
             n if n == parts.len() => Self::Held,
             0 => Self::DidNotHold,
             _ => Self::HeldInPart,
+        }
+    }
+
+    /// The same of all parts, `None` where one was not tested: without it the claim does not hold as a whole.
+    pub fn of_all(parts: &[Option<bool>]) -> Self {
+        let tested: Vec<bool> = parts.iter().flatten().copied().collect();
+        match Self::of(&tested) {
+            Self::Held if tested.len() < parts.len() => Self::HeldInPart,
+            verdict => verdict,
         }
     }
 
@@ -332,6 +341,16 @@ mod tests {
         assert_eq!(Verdict::of(&[true, true]), Verdict::Held);
         assert_eq!(Verdict::of(&[true, false]), Verdict::HeldInPart);
         assert_eq!(Verdict::of(&[false]), Verdict::DidNotHold);
+    }
+
+    #[test]
+    fn what_was_not_tested_keeps_a_claim_from_holding() {
+        let of = Verdict::of_all;
+        assert_eq!(of(&[Some(true), Some(true)]), Verdict::Held);
+        assert_eq!(of(&[Some(true), None]), Verdict::HeldInPart);
+        assert_eq!(of(&[Some(false), None]), Verdict::DidNotHold);
+        assert_eq!(of(&[Some(true), None, Some(false)]), Verdict::HeldInPart);
+        assert_eq!(of(&[None, None]), Verdict::NotTested);
     }
 
     #[test]

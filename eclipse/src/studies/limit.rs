@@ -106,8 +106,8 @@ impl Studied {
         let error = |operator, albedo| listed(&self.errors(operator, albedo));
         let rows = self.seeds.iter().flatten().map(|limit| limit.grid.rows);
         format!(
-            "the best linear estimate of light by texels of {}° is off by {} of its RMS variation with somebody at a known place in the \
-             light and the albedo unknown, by {} with nobody there ({} and {} with the albedo known)",
+            "the RMS error of the best linear estimate of light by texels of {}°, in units of the deviation that light is taken to have, is {} \
+             with somebody at a known place in the light and the albedo unknown, {} with nobody there ({} and {} with the albedo known)",
             number(180.0 / rows.max().unwrap_or(1) as f64),
             error(true, false),
             error(false, false),
@@ -241,8 +241,8 @@ fn in_short(studied: &[Studied]) -> String {
     let failed = studied.iter().filter(|s| !s.held());
     let failed: Vec<&str> = failed.map(|s| &*s.name).collect();
     format!(
-        "the best linear estimate of light leaves {} of its RMS variation where somebody stands at a known place in it, {} where nobody \
-         does, the albedo being unknown; {} and {} were it known ({}){}.",
+        "the best linear estimate of light leaves an RMS error of {} of the light's deviation where somebody stands at a known place in it, \
+         {} where nobody does, the albedo being unknown; {} and {} were it known ({}){}.",
         percent(true, false),
         percent(false, false),
         percent(true, true),
@@ -250,7 +250,10 @@ fn in_short(studied: &[Studied]) -> String {
         names.join(", "),
         match failed.is_empty() {
             true => String::new(),
-            false => format!("; that is little help on {}", failed.join(", ")),
+            false => format!(
+                "; that is little help on {}: the object's own shadows tell as much, or somebody there does not tell light from albedo",
+                failed.join(", ")
+            ),
         }
     )
 }
@@ -293,7 +296,9 @@ fn figures(studied: &Studied) -> Vec<Figure> {
     let first = studied.seeds.iter().take(1).flatten();
     let left = Figure {
         name: format!("{}-left", studied.name),
-        caption: "The error that is left at best in each direction, top +z, centre +x: blue is known, red is not. First seed.".into(),
+        caption: "The RMS error that the best linear estimate leaves in each direction, top +z, centre +x: blue is known, red is not. \
+                  First seed."
+            .into(),
         content: Content::Pictures(first.map(picture).collect()),
     };
     vec![resolved, left]

@@ -154,8 +154,8 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
     let correlations: Vec<String> = correlations.collect();
     let details = names.iter().map(|name| {
         format!(
-            "{name}: as inverse in {} % of all turns of the light about the vertical, which masks know nothing of; {} of the blocked solid \
-             angle missed, {} of the blocked light.",
+            "{name}: null test: of rotations of the environment about the vertical {} % correlate as inversely; {} of the blocked solid angle \
+             missed, {} of the blocked light.",
             of(name, &|row| 100.0 * row.turned),
             of(name, &|row| row.missed[0]),
             of(name, &|row| row.missed[1])
@@ -214,7 +214,7 @@ fn why(weak: bool, chance: bool) -> String {
     let weak = weak.then(|| format!("some are weaker than {STRONG}"));
     let chance = chance.then(|| {
         format!(
-            "some may be chance, as inverse in {} % or more of turns of the light",
+            "some may be chance, as {} % or more of rotations of the environment correlate as inversely",
             100.0 * CHANCE
         )
     });

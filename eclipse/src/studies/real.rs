@@ -148,7 +148,7 @@ fn evidence(
         claim: CLAIM,
         verdict: Verdict::of(&held),
         sentence: format!(
-            "{name}: views held out are explained to {}, a seed each{}.",
+            "{name}: PSNR on held-out views, a seed each: {}{}.",
             sentences.join(", "),
             why(held, found)
         ),

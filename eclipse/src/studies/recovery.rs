@@ -338,11 +338,11 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Result<Evidence, StudyError> {
             }
         }
         let solves = behind.iter().flat_map(|row| &row.modelled);
-        sentence += &format!(" It failed where: {}.", failed.join("; "));
-        details.push(format!(
-            "With occluders modelled, {}.",
+        sentence += &format!(
+            " It failed where: {}; {}.",
+            failed.join("; "),
             ends(solves.map(Rc::as_ref), bench.seconds())
-        ));
+        );
     }
     let numbers: Map<String, Value> = rows
         .iter()

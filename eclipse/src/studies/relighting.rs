@@ -9,7 +9,7 @@ use render::{bvh::Bvh, environment::EnvironmentMap, image::Image};
 use serde_json::{Map, Value, json};
 
 use self::{
-    materials::{MaterialErrors, materials_in_words},
+    materials::{MaterialErrors, materials_as_numbers, materials_in_words},
     relit::{Finish, Relit, picture},
 };
 use super::{
@@ -175,7 +175,7 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
         .iter()
         .map(|row| {
             format!(
-                "{} {} with occluders modelled ({} at worst), {} without{}",
+                "{} {} with occluders modelled ({} at worst), {} without{}{}",
                 row.trial.name,
                 number(mean(&row.all(0))),
                 number(range(&row.all(0))[1]),
@@ -186,6 +186,11 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
                     [true, false] => ", and in some further off than counts as relit",
                     [false, false] =>
                         ", and in some light, finish or seed no better and further off than counts as relit",
+                },
+                match row.parts() {
+                    [true, true] => String::new(),
+                    // Light, finish and geometry are given: nothing else is left to be wrong.
+                    _ => format!(" (by its materials: {})", materials_in_words(&row.materials[0])),
                 }
             )
         })
@@ -211,17 +216,7 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
                 .iter()
                 .zip(&row.materials)
             {
-                let of = |k: usize| -> Vec<Option<f64>> {
-                    all.iter().map(|m| Some(m.lobe?[k])).collect()
-                };
-                own.insert(
-                    format!("materials, {key}"),
-                    json!({
-                        "albedo_psnr": all.iter().map(|m| m.albedo).collect::<Vec<_>>(),
-                        "alpha_rmse": of(0),
-                        "kappa_rmse": of(1),
-                    }),
-                );
+                own.insert(format!("materials, {key}"), materials_as_numbers(all));
             }
             (row.trial.name.clone(), Value::Object(own))
         })

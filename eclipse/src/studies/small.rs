@@ -35,7 +35,7 @@ pub(super) const KAPPA: f32 = 0.04;
 pub struct Setup {
     /// The object.
     pub object: Object,
-    /// Width of each lamp as a standard deviation, in degrees.
+    /// Radius in degrees at which each lamp is 1/e as bright as at its centre.
     pub lamp: f32,
     /// Width α of the specular lobe; `None` for a matt object.
     pub alpha: Option<f32>,

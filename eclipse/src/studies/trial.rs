@@ -86,7 +86,7 @@ impl Trial {
         }
     }
 
-    /// Relative RMSE, after the best scale, of a map of one value: of who knows nothing of where light comes from.
+    /// Relative RMSE, after the best scale, of the best constant map: of who knows nothing of where light comes from.
     pub fn constant_error(&self) -> f64 {
         self.error(&Image::filled(self.light.width, self.light.height, 3, 1.0))
     }

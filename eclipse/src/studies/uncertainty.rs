@@ -74,7 +74,8 @@ struct Draw {
 impl Draw {
     fn new(trial: &Trial, solved: &Solved) -> Result<Self, StudyError> {
         let doubt = solved.found.uncertainty.as_ref();
-        let doubt = doubt.ok_or(StudyError::Nothing("standard deviations"))?;
+        // A run that ends in time leaves them but for who stops it meanwhile.
+        let doubt = doubt.ok_or(StudyError::Stopped)?;
         let solving = solved.found.curve.last().map_or(f64::NAN, |p| p.seconds);
         let albedo = doubt.albedo.iter().flat_map(|image| &image.data);
         let draw = Self {
@@ -233,7 +234,7 @@ fn evidence(bench: &Bench<'_>, quantities: &[Quantity; 3], draws: &[Draw]) -> Ev
              tape's products. Light and albedo are compared as they were found, without a best scale: how bright the one is and how dark \
              the other is a part of what is not known. Directions count alike for the light; for masks by the true light from them and their solid angle, \
              where something truly blocks a hundredth of it or the deviation is above 0.01 in some draw; \
-             for the albedo every pixel that the object covers wholly. Ranks are those of values of which some deviation is predicted."
+             for the albedo every pixel that the object covers wholly. Rank correlations (Spearman) are over values of which some deviation is predicted."
                 .into(),
         ],
     }

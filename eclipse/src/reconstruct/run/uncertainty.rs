@@ -55,6 +55,10 @@ impl Run<'_> {
         let mut posterior = Posterior::new(shared, z, effort, self.settings.seed, &mut || {
             began.elapsed().as_secs_f64() < allowed && !self.control.stopped()
         })?;
+        // Who ends a run now would get what little was found of them by then.
+        if self.control.stopped() {
+            return Ok(());
+        }
         let deviations = posterior.deviations(Part::All);
         let mut uncertainty = Uncertainty::default();
         uncertainty.summary.known = posterior.known();

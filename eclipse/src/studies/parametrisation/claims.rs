@@ -27,7 +27,7 @@ struct Part {
     tested: bool,
     held: bool,
     /// What was measured that explains it, where it did not hold.
-    why: String,
+    why: &'static str,
 }
 
 /// Every claim that `rows` can tell of.
@@ -89,10 +89,25 @@ impl Claim {
         tested.map(|part| part.held)
     }
 
-    /// Whether it held on every object where it was tested, if it was on any, and what it is.
-    pub(super) fn outcome(&self) -> Option<(bool, &'static str)> {
+    /// The same of every object, `None` where it was not tested.
+    pub(super) fn outcomes(&self) -> impl Iterator<Item = Option<bool>> + '_ {
+        self.parts
+            .iter()
+            .map(|part| part.tested.then_some(part.held))
+    }
+
+    /// Whether it held on every object where it was tested, if it was on any, and what it is, with the reasons where it did not.
+    pub(super) fn outcome(&self) -> Option<(bool, String)> {
         let all: Vec<bool> = self.held().collect();
-        (!all.is_empty()).then(|| (all.iter().all(|held| *held), self.what))
+        let failed = self.parts.iter().filter(|part| part.tested && !part.held);
+        let mut reasons: Vec<&str> = failed.map(|part| part.why).collect();
+        reasons.sort_unstable();
+        reasons.dedup();
+        let what = match reasons.is_empty() {
+            true => self.what.to_owned(),
+            false => format!("{} ({})", self.what, reasons.join("; ")),
+        };
+        (!all.is_empty()).then(|| (all.iter().all(|held| *held), what))
     }
 
     /// What is claimed, where it held, and why it did not elsewhere.
@@ -129,12 +144,12 @@ impl Part {
             object: full.object,
             tested: reached_something(full),
             held,
-            why: if held { String::new() } else { why(full) },
+            why: if held { "" } else { why(full) },
         }
     }
 }
 
-/// Whether a full model came far enough for others to be compared with it: to the noise, and further than a map of one value.
+/// Whether a full model came far enough for others to be compared with it: to the noise, and further than the best constant map.
 fn reached_something(full: &Row) -> bool {
     full.light() < full.mean(|s| s.constant) && full.mean(|s| s.misfit) <= CUT_SHORT
 }
@@ -160,14 +175,10 @@ pub(super) fn untested(rows: &[Row]) -> Option<String> {
 }
 
 /// Why the full model may be no better than another, by what was measured of it.
-fn why(full: &Row) -> String {
-    let masks = full.mean(|s| s.masks);
-    match masks >= 1.0 {
-        true => format!(
-            "the full model's masks are no better than none (error {})",
-            number(masks)
-        ),
-        false => "the cause was not found".to_owned(),
+fn why(full: &Row) -> &'static str {
+    match full.mean(|s| s.masks) >= 1.0 {
+        true => "the full model's masks are no better than none",
+        false => "the cause was not found",
     }
 }
 
@@ -226,6 +237,11 @@ mod tests {
         assert!(words.contains("held on 3 of 4 objects"), "{words}");
         let unknown = "not on the wreath: the cause was not found";
         assert!(words.contains(unknown), "{words}");
+        let (held, short) = found[0].outcome().unwrap();
+        assert!(
+            !held && short.ends_with("values (the cause was not found)"),
+            "{short}"
+        );
 
         let wreath = rows
             .iter_mut()
@@ -247,6 +263,8 @@ mod tests {
         }
         let claim = &claims(&rows)[0];
         assert_eq!(claim.held().collect::<Vec<_>>(), [true; 3]);
+        let outcomes: Vec<_> = claim.outcomes().collect();
+        assert_eq!(outcomes, [Some(true), Some(true), Some(true), None]);
         let words = claim.words();
         assert!(
             words.contains("held on all 3 objects (not tested on the wreath)"),

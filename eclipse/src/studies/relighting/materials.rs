@@ -1,5 +1,7 @@
 //! How far the materials are off that are relit.
 
+use serde_json::{Value, json};
+
 use crate::studies::{evidence::listed, trial::Solved};
 
 /// How far recovered materials are from the true ones.
@@ -36,4 +38,14 @@ pub(super) fn materials_in_words(all: &[MaterialErrors]) -> String {
             listed(&lobe(1))
         ),
     }
+}
+
+/// The same for programs, a value a seed; nothing for the lobe of matt objects.
+pub(super) fn materials_as_numbers(all: &[MaterialErrors]) -> Value {
+    let lobe = |k: usize| -> Vec<Option<f64>> { all.iter().map(|m| Some(m.lobe?[k])).collect() };
+    json!({
+        "albedo_psnr": all.iter().map(|m| m.albedo).collect::<Vec<_>>(),
+        "alpha_rmse": lobe(0),
+        "kappa_rmse": lobe(1),
+    })
 }

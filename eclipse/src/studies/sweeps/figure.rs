@@ -21,18 +21,21 @@ pub(super) fn figure(curve: &Curve) -> Figure {
     let worst = 1.1 * ys().fold(0.0, f64::max).max(1e-3);
     Figure {
         name: sweep.name.to_owned(),
-        caption: format!("Relative squared error of the light over {}.", sweep.label),
+        caption: format!(
+            "Relative MSE of the light over {}: a dot a seed, and means as lines.",
+            sweep.label
+        ),
         content: Content::Chart(Chart {
             x: match sweep.logarithmic {
                 true => Axis::logarithmic(sweep.label, [0.9 * low, 1.1 * high]),
                 false => Axis::linear(sweep.label, [0.0, 1.05 * high]),
             },
-            y: Axis::linear("relative squared error", [0.0, worst]),
+            y: Axis::linear("relative MSE of the light", [0.0, worst]),
             series: [
-                vec![line("somebody, mean", 0)],
-                dots("somebody", 0),
-                vec![line("nobody, mean", 1)],
-                dots("nobody", 1),
+                vec![line("unseen occluder, mean", 0)],
+                dots("unseen occluder", 0),
+                vec![line("no occluder, mean", 1)],
+                dots("no occluder", 1),
             ]
             .concat(),
         }),

@@ -94,15 +94,19 @@ pub(super) fn in_short(curves: &[Curve], trends: &[Trend]) -> String {
             listed(&values),
             listed(&curve.means(0)),
             listed(&curve.means(1)),
-            curve.outcome()
+            curve.outcome_and_why()
         )
     };
-    let trends = trends
-        .iter()
-        .map(|trend| format!("{}: {}", trend.what, outcome(trend.held)));
+    let trends = trends.iter().map(|trend| {
+        let why = match trend.held {
+            true => "",
+            false => ", the cause was not found",
+        };
+        format!("{}: {}{why}", trend.what, outcome(trend.held))
+    });
     let parts: Vec<String> = curves.iter().map(of).chain(trends).collect();
     format!(
-        "relative squared errors of the light, means of seeds, by {}.",
+        "relative MSE of the light, means of seeds, by {}.",
         parts.join("; ")
     )
 }
