@@ -12,7 +12,10 @@ use super::{
     ranks::rank_correlation,
     trial::{Solved, Trial},
 };
-use crate::report::text::number;
+use crate::{
+    report::text::number,
+    settings::{OccluderPrior, Settings},
+};
 
 /// A correlation of ranks below this counts as a strong inverse one.
 const STRONG: f64 = -0.5;
@@ -22,6 +25,8 @@ const CHANCE: f64 = 0.05;
 const LEAST_TURN: f64 = 1.0 / 24.0;
 /// Directions that fewer photographs than this have blocked say nothing of a mean.
 const BLOCKED: usize = 2;
+/// Ends the name of a capture whose masks were free in every direction.
+const FREE: &str = "-free-masks";
 
 /// The study.
 pub(super) struct Masks;
@@ -34,12 +39,24 @@ impl Study for Masks {
     fn run(&self, bench: &Bench<'_>) -> Result<Evidence, StudyError> {
         let trials = bench.trials()?;
         let occluded: Vec<Rc<Trial>> = trials.into_iter().filter(|t| t.occluded()).collect();
-        let rows = bench.each_trial(&occluded, |trial| {
-            bench.each(bench.seeds(), |seed| {
-                let solved = bench.solve(trial, true, seed)?;
-                Ok(Row::new(trial, &solved))
-            })
-        })?;
+        // The paper's masks are free in every direction. Where material is known they have most to tell by.
+        let matt = occluded.iter().find(|t| t.truth.specular.is_none());
+        let free = matt.or(occluded.first()).map(|trial| (trial, true));
+        let cases = occluded.iter().map(|trial| (trial, false)).chain(free);
+        let cases: Vec<_> = cases.collect();
+        let rows = bench.each_capture(
+            &cases,
+            |(trial, _)| &trial.name,
+            |&(trial, free)| {
+                bench.each(bench.seeds(), |seed| match free {
+                    true => self::free(bench, trial, seed),
+                    false => {
+                        let solved = bench.solve(trial, true, seed)?;
+                        Ok(Row::new(trial.name.clone(), trial, &solved))
+                    }
+                })
+            },
+        )?;
         let rows: Vec<Row> = rows.into_iter().flatten().collect();
         if rows.is_empty() {
             return Err(bench.nothing("a capture with truth/occluders.exr: somebody in the light"));
@@ -48,8 +65,23 @@ impl Study for Masks {
     }
 }
 
+/// The same with masks that are free in every direction.
+fn free(bench: &Bench<'_>, trial: &Rc<Trial>, seed: u64) -> Result<Row, StudyError> {
+    let settings = Settings {
+        time_limit: Some(bench.seconds()),
+        seed,
+        occluder_prior: OccluderPrior::None,
+        ..bench.settings(trial)
+    };
+    let words = format!("{}, free masks, seed {seed}", trial.name);
+    let solved = bench.reconstructed(trial, &words, &settings)?;
+    Ok(Row::new(format!("{}{FREE}", trial.name), trial, &solved))
+}
+
 /// The errors of one solve's masks.
 struct Row {
+    /// The capture's, and how masks were modelled.
+    name: String,
     trial: Rc<Trial>,
     /// `[light, mean error]` of directions that were blocked, over the photographs in which they were.
     points: Vec<[f64; 2]>,
@@ -66,7 +98,7 @@ struct Row {
 }
 
 impl Row {
-    fn new(trial: &Rc<Trial>, solved: &Solved) -> Self {
+    fn new(name: String, trial: &Rc<Trial>, solved: &Solved) -> Self {
         let truth = trial.truth.occluders.as_deref().unwrap_or_default();
         let (height, width) = (trial.light.height, trial.light.width);
         let grid = LatLong::new(height, width);
@@ -121,6 +153,7 @@ impl Row {
             everywhere: rank_correlation(&all),
             missed: [0, 1].map(|i| missed[i] / total[i]),
             trial: Rc::clone(trial),
+            name,
             points,
             map,
         }
@@ -141,10 +174,10 @@ fn turned(width: usize, as_good: impl Fn(usize) -> bool) -> f64 {
 fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
     let held = |row: &Row| row.blocked < STRONG && row.turned < CHANCE;
     let parts: Vec<bool> = rows.iter().map(held).collect();
-    let mut names: Vec<&str> = rows.iter().map(|row| row.trial.name.as_str()).collect();
+    let mut names: Vec<&str> = rows.iter().map(|row| row.name.as_str()).collect();
     names.dedup();
     let of = |name: &str, value: &dyn Fn(&Row) -> f64| -> String {
-        let values = rows.iter().filter(|row| row.trial.name == name);
+        let values = rows.iter().filter(|row| row.name == name);
         let values: Vec<String> = values.map(|row| number(value(row))).collect();
         values.join(", ")
     };
@@ -166,12 +199,17 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
     let strong = |row: &Row| row.blocked < STRONG;
     let weak = !rows.iter().all(strong);
     let chance = rows.iter().any(|row| row.turned >= CHANCE);
-    let why = why(weak, chance);
+    let free: Vec<bool> = rows
+        .iter()
+        .filter(|row| row.name.ends_with(FREE))
+        .map(held)
+        .collect();
+    let why = why(weak, chance, &free);
     let numbers: Map<String, Value> = names
         .iter()
         .map(|name| {
             let list = |value: &dyn Fn(&Row) -> f64| -> Vec<f64> {
-                let values = rows.iter().filter(|row| row.trial.name == *name);
+                let values = rows.iter().filter(|row| row.name == *name);
                 values.map(value).collect()
             };
             let numbers = json!({
@@ -209,8 +247,9 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
     }
 }
 
-/// What was measured that bears on where the claim did not hold: correlations that are `weak`, or that turned light has as well.
-fn why(weak: bool, chance: bool) -> String {
+/// What was measured that bears on where the claim did not hold: correlations that are `weak`, or that turned light has as well, and
+/// whether it held for each seed of `free` masks.
+fn why(weak: bool, chance: bool, free: &[bool]) -> String {
     let weak = weak.then(|| format!("some are weaker than {STRONG}"));
     let chance = chance.then(|| {
         format!(
@@ -222,9 +261,16 @@ fn why(weak: bool, chance: bool) -> String {
     match all.is_empty() {
         true => String::new(),
         false => format!(
-            "; {}; masks are one silhouette here that moves with the camera, the paper's are free in every direction: not tested as the \
-             cause",
-            all.join("; ")
+            "; {}; masks are one silhouette here that moves with the camera, the paper's are free in every direction: with such masks \
+             ({}) the claim {}",
+            all.join("; "),
+            &FREE[1..],
+            match free {
+                [] => "was not tested",
+                all if all.iter().all(|held| *held) => "held in every seed",
+                all if all.iter().any(|held| *held) => "held in some seeds",
+                _ => "did not hold either, and why was not found",
+            }
         ),
     }
 }
@@ -233,21 +279,18 @@ fn figures(rows: &[Row]) -> Vec<Figure> {
     let mut figures = Vec::new();
     let mut shown: Vec<&str> = Vec::new();
     for row in rows {
-        if shown.contains(&row.trial.name.as_str()) {
+        if shown.contains(&row.name.as_str()) {
             continue;
         }
-        shown.push(&row.trial.name);
-        let of_capture = || {
-            rows.iter()
-                .filter(|other| other.trial.name == row.trial.name)
-        };
+        shown.push(&row.name);
+        let of_capture = || rows.iter().filter(|other| other.name == row.name);
         let points = || of_capture().flat_map(|row| &row.points);
         let lights = points().map(|p| p[0]).filter(|&l| l > 0.0);
         let [low, high] = lights.fold([f64::INFINITY, 0.0], |[low, high]: [f64; 2], l| {
             [low.min(l), high.max(l)]
         });
         figures.push(Figure {
-            name: format!("{}-error", row.trial.name),
+            name: format!("{}-error", row.name),
             caption: "Every direction that was blocked: its light, and the mean error of the masks that blocked it.".into(),
             content: Content::Chart(Chart {
                 x: Axis::logarithmic("radiance, mean of channels", [0.9 * low, 1.1 * high]),
@@ -255,7 +298,7 @@ fn figures(rows: &[Row]) -> Vec<Figure> {
                 series: of_capture()
                     .enumerate()
                     .map(|(seed, row)| {
-                        Series::dots(row.trial.name.clone(), row.points.clone())
+                        Series::dots(row.name.clone(), row.points.clone())
                             .of_seed(seed as u64)
                     })
                     .collect(),
@@ -279,7 +322,7 @@ fn figures(rows: &[Row]) -> Vec<Figure> {
             tone: Tone::Heat { low, high },
         };
         figures.push(Figure {
-            name: format!("{}-where", row.trial.name),
+            name: format!("{}-where", row.name),
             caption: format!(
                 "Mean error over all photographs (0 blue, {most:.2} red), and the logarithm of light."
             ),
@@ -305,9 +348,16 @@ mod tests {
 
     #[test]
     fn reasons_are_those_that_were_measured() {
-        assert_eq!(why(false, false), "");
-        assert!(why(true, false).contains("weaker") && !why(true, false).contains("chance"));
-        assert!(why(false, true).contains("chance") && !why(false, true).contains("weaker"));
+        assert_eq!(why(false, false, &[true]), "");
+        let with = |free: &[bool]| why(true, false, free);
+        assert!(with(&[]).contains("weaker") && !with(&[]).contains("chance"));
+        assert!(
+            why(false, true, &[]).contains("chance") && !why(false, true, &[]).contains("weaker")
+        );
+        assert!(with(&[]).ends_with("was not tested"));
+        assert!(with(&[true, true]).ends_with("held in every seed"));
+        assert!(with(&[true, false]).ends_with("held in some seeds"));
+        assert!(with(&[false]).contains("did not hold either"));
     }
 
     #[test]

@@ -9,7 +9,7 @@ use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
     evidence::{Axis, Chart, Content, Figure, Picture, Series, listed, seeds},
-    small::{BATCH, Object, Setup, misfit, paper_settings},
+    small::{BATCH, Object, Setup, iterations, misfit, paper_settings},
     trial::Trial,
 };
 use crate::{
@@ -28,10 +28,6 @@ const ALONE: [Variant; 5] = [
     Variant::Bias(0.0),
     Variant::Bias(100.0),
 ];
-/// Iterations of the paper's algorithm: until about the noise is left of the photographs, which is what variants are compared at.
-const ITERATIONS: [u64; 3] = [2, 800, 4800];
-/// Noise of the photographs: more at the small scales, where it is reached in fewer iterations.
-const NOISE: [f32; 3] = [0.02, 0.02, 0.005];
 /// Degrees of the harmonics below the paper's.
 const DEGREES: [&[usize]; 3] = [&[4], &[4, 12], &[2, 4, 8, 12, 16, 20]];
 
@@ -54,7 +50,7 @@ impl Study for Parametrisation {
                     object: *object,
                     scene: seed,
                     seed,
-                    ..setup(bench)
+                    ..Setup::noisy(bench.scale)
                 };
                 let trial = setup.trial(bench, object.name())?;
                 for variant in variants {
@@ -78,14 +74,6 @@ impl Study for Parametrisation {
             scores: found.iter().map(|of_seed| of_seed[index]).collect(),
         });
         Ok(evidence(bench, &rows.collect::<Vec<_>>(), pictures))
-    }
-}
-
-/// What photographs of every object have in common.
-fn setup(bench: &Bench<'_>) -> Setup {
-    Setup {
-        noise: bench.of_scale(NOISE),
-        ..Setup::of(bench.scale)
     }
 }
 
@@ -161,10 +149,7 @@ impl Variant {
         setup: &Setup,
         pictures: Option<&mut Vec<Picture>>,
     ) -> Result<Scores, StudyError> {
-        let settings = self.settings(Settings {
-            iterations: Some(bench.of_scale(ITERATIONS)),
-            ..paper_settings(bench, trial, setup.seed)
-        });
+        let settings = self.settings(paper_settings(bench, trial, setup.seed));
         let words = format!("{}, {}, seed {}", trial.name, self.words(), setup.seed);
         let solved = bench.reconstructed(trial, &words, &settings)?;
         if let Some(pictures) = pictures {
@@ -235,7 +220,7 @@ fn evidence(bench: &Bench<'_>, rows: &[Row], pictures: Vec<Picture>) -> Evidence
     let claims = claims(rows);
     let held: Vec<Option<bool>> = claims.iter().flat_map(Claim::outcomes).collect();
     let said: Vec<String> = claims.iter().map(|claim| claim.words()).collect();
-    let setup = setup(bench);
+    let setup = Setup::noisy(bench.scale);
     let mut figures = vec![table(rows), degrees(rows)];
     figures.push(Figure {
         name: "light".into(),
@@ -255,7 +240,7 @@ fn evidence(bench: &Bench<'_>, rows: &[Row], pictures: Vec<Picture>) -> Evidence
         sentence: format!(
             "{} (the light's error after {} iterations of the paper's algorithm, {})",
             in_short(&claims, untested(rows)),
-            bench.of_scale(ITERATIONS),
+            iterations(bench),
             seeds(bench.seeds().end),
         ),
         numbers: numbers(rows),
@@ -276,7 +261,7 @@ fn evidence(bench: &Bench<'_>, rows: &[Row], pictures: Vec<Picture>) -> Evidence
                 setup.resolution,
                 number(setup.noise.into()),
                 seeds(bench.seeds().end),
-                bench.of_scale(ITERATIONS),
+                iterations(bench),
                 BATCH.pixels,
                 BATCH.rays
             ),

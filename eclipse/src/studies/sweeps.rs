@@ -137,7 +137,7 @@ fn sweeps(bench: &Bench<'_>) -> Vec<Sweep> {
             true,
             [&[4.0], &[4.0, 64.0], &[4.0, 8.0, 16.0, 64.0, 256.0]],
             &|rays| Case {
-                setup: base,
+                setup: Setup::noisy(bench.scale),
                 rays: Some(rays as u64),
             },
         ),
@@ -354,6 +354,7 @@ fn no_help([with, without]: &[f64; 2]) -> bool {
 
 fn evidence(bench: &Bench<'_>, curves: &[Curve]) -> Evidence {
     let trends = Trend::all(curves);
+    let noisy = Setup::noisy(bench.scale);
     let helps = curves.iter();
     let helps = helps.map(|c| c.tested().then(|| c.helpless().is_empty()));
     let trended = trends.iter().map(|trend| Some(trend.held));
@@ -402,9 +403,13 @@ fn evidence(bench: &Bench<'_>, curves: &[Curve]) -> Evidence {
                 .into(),
             format!(
                 "The fast preset integrates by quadrature and has no secondary rays: over their number the paper's algorithm is compared \
-                 with itself, in {} iterations of {} pixels each. Misfit: the variance of what it leaves of the photographs over that of \
+                 with itself, on {} photographs of {} x {} pixels with noise of {}, in {} iterations of {} pixels each. Misfit: the variance of what it leaves of the photographs over that of \
                  their noise. The paper's occluders are masks on a sphere through the camera, these on one 1.2 times as large; the fast preset looks \
                  for a figure on an upright cylinder.",
+                noisy.frames,
+                noisy.resolution,
+                noisy.resolution,
+                number(noisy.noise.into()),
                 iterations(bench),
                 BATCH.pixels
             ),
