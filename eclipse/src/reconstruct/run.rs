@@ -127,7 +127,7 @@ pub fn run(
             stage: first,
             round,
         };
-        if last.is_some() && run.is_too_late_for(at(0), run.pace.stage(&stage)) {
+        if last.is_some() && run.is_too_late_for(at(0), run.pace.worthwhile(&stage)) {
             run.ended = Ended::TimeLimit;
             break;
         }

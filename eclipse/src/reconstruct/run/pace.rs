@@ -7,6 +7,10 @@ use super::{
 };
 use crate::reconstruction::Ended;
 
+/// Steps that a finer stage has to have time for. After fewer, light is further from the truth than the coarse stage has it in the same
+/// time, whose steps take a seventh: of potatoes-lambertian in 80 s, .58 against .46.
+const WORTH: f64 = 4.0;
+
 /// Seconds that parts of the work took when they were last done; zero before, which holds nothing up.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Pace {
@@ -48,6 +52,11 @@ impl Pace {
     pub(super) fn stage(&self, stage: &Stage) -> f64 {
         self.stage + self.round(stage)
     }
+
+    /// The same until as many steps are done as make it worth while.
+    pub(super) fn worthwhile(&self, stage: &Stage) -> f64 {
+        self.stage(stage) + (WORTH - 1.0) * self.step(stage)
+    }
 }
 
 impl Run<'_> {
@@ -83,8 +92,9 @@ impl Run<'_> {
             return false;
         };
         let (mut end, all) = (place.end(limit, self.ready), end_of_steps(limit));
-        // Time in which the next stage cannot take a step is this one's.
-        if !place.is_last_stage() && end + self.pace.stage(&self.stage(place.stage + 1)) > all {
+        // Time in which the next stage cannot take steps enough is this one's.
+        if !place.is_last_stage() && end + self.pace.worthwhile(&self.stage(place.stage + 1)) > all
+        {
             end = all;
         }
         self.seconds() + work > end
@@ -114,5 +124,6 @@ mod tests {
         assert!((pace.step(&fine) - 7.5).abs() < 1e-12);
         assert!((pace.round(&fine) - 9.5).abs() < 1e-12);
         assert!((pace.stage(&fine) - 12.5).abs() < 1e-12);
+        assert!((pace.worthwhile(&fine) - 35.0).abs() < 1e-12);
     }
 }
