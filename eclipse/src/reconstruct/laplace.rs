@@ -45,7 +45,8 @@ pub struct Effort {
 pub enum Part {
     /// All of it: what noise does, and what the photographs do not show.
     All,
-    /// What another draw of the photographs' noise would change.
+    /// What another draw of the photographs' noise would change; the prior of the albedo counts as if it were data, so that of how dark all
+    /// of the albedo is too much is said.
     Noise,
 }
 
