@@ -20,7 +20,7 @@ pub use error::ReconstructError;
 use frames::Frames;
 use kept::check_length;
 pub use kept::{memory, memory_to_resume};
-use pace::Pace;
+use pace::{BEFORE_NOTHING, Pace};
 use plan::Plan;
 pub use plan::check_memory;
 use round::RoundStart;
@@ -127,7 +127,7 @@ pub fn run(
             stage: first,
             round,
         };
-        if last.is_some() && run.is_too_late_for(at(0), run.pace.worthwhile(&stage)) {
+        if last.is_some() && run.is_too_late_for(at(0), run.pace.until(&stage, BEFORE_NOTHING)) {
             run.ended = Ended::TimeLimit;
             break;
         }
