@@ -253,26 +253,23 @@ fn of_capture(
         .collect();
     // A run does without them.
     let points = source.points.as_deref().map(read_points).transpose();
-    // Where lamps are known there is no environment to be found.
-    let glance = match capture.lamps {
-        None => Some(limit::at_a_glance(capture, u64::MAX)),
-        Some(_) => None,
-    };
-    let (limit, untold) = match glance {
-        Some(Ok(limit)) => (Some(limit), None),
-        Some(Err(error)) => (
-            None,
-            Some(format!(
-                "what can be told of the light was left out: {error}"
-            )),
-        ),
-        None => (None, None),
-    };
     let (points, unread) = match points {
         Ok(points) => (points.flatten(), None),
         Err(error) => (
             None,
             Some(format!("the sparse points say nothing: {error}")),
+        ),
+    };
+    // Where lamps are known there is no environment to be found.
+    let glance = capture.lamps.is_none();
+    let glance = glance.then(|| limit::at_a_glance(capture, u64::MAX));
+    let (limit, untold) = match glance.transpose() {
+        Ok(limit) => (limit, None),
+        Err(error) => (
+            None,
+            Some(format!(
+                "what can be told of the light was left out: {error}"
+            )),
         ),
     };
     let mut inspection = Inspection {

@@ -8,7 +8,7 @@ use serde_json::json;
 
 use super::{
     Bench, Evidence, Study, StudyError, Verdict,
-    evidence::{Axis, Chart, Content, Figure, Series},
+    evidence::{Axis, Chart, Content, Figure, Series, not_so},
     flatland::{Flatland, Occluder, spread},
     spectrum::singular_values,
 };
@@ -157,33 +157,31 @@ fn evidence(flatland: Flatland) -> Result<Evidence, StudyError> {
     let most_at_the_end = places.windows(2).all(|pair| pair[1].1 > pair[0].1);
     let gain = |from, to| many.share(from, to) - one.share(from, to);
     let (middle, end) = (gain(0.25, 0.5), gain(0.75, 1.0));
-    // What holds, and what is to be said where it does not.
+    // What is to be said where a part does not hold, and whether it does.
     let parts = [
         (
-            none.above(FLOORS[0]) < n / 20,
             "without occluders less is attenuated strongly",
+            none.above(FLOORS[0]) < n / 20,
         ),
         (
-            one.above(FLOORS[0]) > none.above(FLOORS[0]) && one.values[n / 2] < FLOORS[1],
             "one occluder does not raise low frequencies, or middle ones as well",
+            one.above(FLOORS[0]) > none.above(FLOORS[0]) && one.values[n / 2] < FLOORS[1],
         ),
         (
-            grows(&|row| row.above(FLOORS[1]) as f64),
             "more occluders do not raise more values",
+            grows(&|row| row.above(FLOORS[1]) as f64),
         ),
         (
-            grows(&|row| row.highest()) && many.highest() > 5.0 * one.highest(),
             "more occluders do not recover more of the highest frequencies",
+            grows(&|row| row.highest()) && many.highest() > 5.0 * one.highest(),
         ),
-        (most_at_the_end, "values at the end are not raised most"),
+        ("values at the end are not raised most", most_at_the_end),
         (
-            random.iter().all(|r| r.least > one.above(FLOORS[1])),
             "occluders at random places raise no more values than one does",
+            random.iter().all(|r| r.least > one.above(FLOORS[1])),
         ),
     ];
-    let held = parts.map(|(held, _)| held);
-    let failed = parts.iter().filter(|(held, _)| !held);
-    let failed: Vec<&str> = failed.map(|(_, words)| *words).collect();
+    let held = parts.map(|(_, held)| held);
     let counts = |floor: usize| -> String {
         let counts: Vec<String> = blocker
             .iter()
@@ -204,10 +202,7 @@ fn evidence(flatland: Flatland) -> Result<Evidence, StudyError> {
             counts(1),
             number(100.0 * one.highest()),
             number(100.0 * many.highest()),
-            match failed.is_empty() {
-                true => String::new(),
-                false => format!(" Not so: {}; the cause was not found.", failed.join("; ")),
-            }
+            not_so(&parts, "; the cause was not found")
         ),
         numbers: json!({
             "blocker": table(&blocker),

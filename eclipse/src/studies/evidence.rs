@@ -68,6 +68,16 @@ pub fn range(values: &[f64]) -> [f64; 2] {
         .fold(none, |[low, high], v| [low.min(*v), high.max(*v)])
 }
 
+/// What is to be said of a claim's parts that failed, and why; nothing where all held.
+pub fn not_so<W: AsRef<str>>(parts: &[(W, bool)], why: &str) -> String {
+    let failed = parts.iter().filter(|(_, held)| !held);
+    let failed: Vec<&str> = failed.map(|(words, _)| words.as_ref()).collect();
+    match failed.is_empty() {
+        true => String::new(),
+        false => format!(" Not so: {}{why}.", failed.join("; ")),
+    }
+}
+
 /// Seeds in words.
 pub fn seeds(count: u64) -> String {
     match count {
@@ -351,6 +361,17 @@ mod tests {
         assert_eq!(of(&[Some(false), None]), Verdict::DidNotHold);
         assert_eq!(of(&[Some(true), None, Some(false)]), Verdict::HeldInPart);
         assert_eq!(of(&[None, None]), Verdict::NotTested);
+    }
+
+    #[test]
+    fn parts_that_failed_are_told_and_no_others() {
+        assert_eq!(not_so(&[("it rains", true)], ""), "");
+        let parts = [("it rains", false), ("it snows", true), ("it hails", false)];
+        let told = not_so(&parts, "; the cause was not found");
+        assert_eq!(
+            told,
+            " Not so: it rains; it hails; the cause was not found."
+        );
     }
 
     #[test]

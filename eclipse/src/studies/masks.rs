@@ -52,7 +52,7 @@ impl Study for Masks {
                     true => self::free(bench, trial, seed),
                     false => {
                         let solved = bench.solve(trial, true, seed)?;
-                        Ok(Row::new(trial.name.clone(), trial, &solved))
+                        Ok(Row::new(trial, &solved, false))
                     }
                 })
             },
@@ -75,13 +75,15 @@ fn free(bench: &Bench<'_>, trial: &Rc<Trial>, seed: u64) -> Result<Row, StudyErr
     };
     let words = format!("{}, free masks, seed {seed}", trial.name);
     let solved = bench.reconstructed(trial, &words, &settings)?;
-    Ok(Row::new(format!("{}{FREE}", trial.name), trial, &solved))
+    Ok(Row::new(trial, &solved, true))
 }
 
 /// The errors of one solve's masks.
 struct Row {
     /// The capture's, and how masks were modelled.
     name: String,
+    /// Whether masks were free in every direction.
+    free: bool,
     trial: Rc<Trial>,
     /// `[light, mean error]` of directions that were blocked, over the photographs in which they were.
     points: Vec<[f64; 2]>,
@@ -98,7 +100,7 @@ struct Row {
 }
 
 impl Row {
-    fn new(name: String, trial: &Rc<Trial>, solved: &Solved) -> Self {
+    fn new(trial: &Rc<Trial>, solved: &Solved, free: bool) -> Self {
         let truth = trial.truth.occluders.as_deref().unwrap_or_default();
         let (height, width) = (trial.light.height, trial.light.width);
         let grid = LatLong::new(height, width);
@@ -153,7 +155,8 @@ impl Row {
             everywhere: rank_correlation(&all),
             missed: [0, 1].map(|i| missed[i] / total[i]),
             trial: Rc::clone(trial),
-            name,
+            name: format!("{}{}", trial.name, if free { FREE } else { "" }),
+            free,
             points,
             map,
         }
@@ -199,11 +202,8 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
     let strong = |row: &Row| row.blocked < STRONG;
     let weak = !rows.iter().all(strong);
     let chance = rows.iter().any(|row| row.turned >= CHANCE);
-    let free: Vec<bool> = rows
-        .iter()
-        .filter(|row| row.name.ends_with(FREE))
-        .map(held)
-        .collect();
+    let free = rows.iter().filter(|row| row.free);
+    let free: Vec<bool> = free.map(held).collect();
     let why = why(weak, chance, &free);
     let numbers: Map<String, Value> = names
         .iter()

@@ -8,7 +8,7 @@ use serde_json::{Map, Value, json};
 
 use super::{
     Bench, Evidence, Study, StudyError, Verdict,
-    evidence::{Axis, Chart, Content, Figure, Picture, Series, Tone},
+    evidence::{Axis, Chart, Content, Figure, Picture, Series, Tone, not_so},
     flatland::{Flatland, spread},
     spectrum::{fourier, magnitude, wave_row},
 };
@@ -238,8 +238,6 @@ fn evidence() -> Evidence {
     ];
     parts.extend(spectra.iter().map(|s| (s.elsewhere(), s.concentrated())));
     let held: Vec<bool> = parts.iter().map(|(_, held)| *held).collect();
-    let failed = parts.iter().filter(|(_, held)| !held);
-    let failed: Vec<&str> = failed.map(|(words, _)| words.as_str()).collect();
     let list = |values: Vec<String>| values.join(", ");
     let around = |contrast| {
         let of = spectra.iter().filter(|s| s.contrast == contrast);
@@ -261,10 +259,7 @@ fn evidence() -> Evidence {
             around(Contrast::High),
             number(circulant[circulant.len() - 1]),
             number(circulant[0]),
-            match failed.is_empty() {
-                true => String::new(),
-                false => format!(" Not so: {}.", failed.join("; ")),
-            }
+            not_so(&parts, "")
         ),
         numbers: numbers(&spectra, &blocks, &circulant),
         figures: figures(&grams),

@@ -52,7 +52,7 @@ impl Pace {
     }
 
     /// All of `stage` until its first step is done.
-    pub(super) fn stage(&self, stage: &Stage) -> f64 {
+    fn stage(&self, stage: &Stage) -> f64 {
         self.stage + self.round(stage)
     }
 

@@ -85,8 +85,12 @@ fn better(one: &Row, other: &Row) -> bool {
 impl Claim {
     /// On each object where it was tested.
     pub(super) fn held(&self) -> impl Iterator<Item = bool> + '_ {
-        let tested = self.parts.iter().filter(|part| part.tested);
-        tested.map(|part| part.held)
+        self.outcomes().flatten()
+    }
+
+    /// The objects where it was tested and did not hold.
+    fn failed(&self) -> impl Iterator<Item = &Part> {
+        self.parts.iter().filter(|part| part.tested && !part.held)
     }
 
     /// The same of every object, `None` where it was not tested.
@@ -99,8 +103,7 @@ impl Claim {
     /// Whether it held on every object where it was tested, if it was on any, and what it is, with the reasons where it did not.
     pub(super) fn outcome(&self) -> Option<(bool, String)> {
         let all: Vec<bool> = self.held().collect();
-        let failed = self.parts.iter().filter(|part| part.tested && !part.held);
-        let mut reasons: Vec<&str> = failed.map(|part| part.why).collect();
+        let mut reasons: Vec<&str> = self.failed().map(|part| part.why).collect();
         reasons.sort_unstable();
         reasons.dedup();
         let what = match reasons.is_empty() {
@@ -122,8 +125,8 @@ impl Claim {
             _ if held == all => format!("held on all {all} objects"),
             _ => format!("held on {held} of {all} objects"),
         };
-        let failed = self.parts.iter().filter(|part| part.tested && !part.held);
-        let mut reasons: Vec<String> = failed
+        let mut reasons: Vec<String> = self
+            .failed()
             .map(|part| format!("not on the {}: {}", part.object.name(), part.why))
             .collect();
         let untested = self.parts.iter().filter(|part| !part.tested);
