@@ -40,7 +40,7 @@ const QUADRATURE_ROWS: usize = 25;
 /// Rows of the masks.
 const MASK_ROWS: usize = 50;
 /// Where a person's mask lies, in distances of the camera: half a metre behind one that is held at 2.5 m.
-const BEHIND: f32 = 1.2;
+pub(crate) const BEHIND: f32 = 1.2;
 /// Margin around the object in the picture.
 const MARGIN: f32 = 1.1;
 

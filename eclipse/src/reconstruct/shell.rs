@@ -74,7 +74,12 @@ impl Shells {
     /// Spheres at the cameras' distances.
     pub fn spheres<'a>(cameras: impl Iterator<Item = &'a Camera>) -> Self {
         let distances: Vec<f32> = cameras.map(Camera::distance).collect();
-        Self::group(&distances, Shell::Sphere)
+        Self::around(&distances)
+    }
+
+    /// Spheres of these radii.
+    pub fn around(radii: &[f32]) -> Self {
+        Self::group(radii, Shell::Sphere)
     }
 
     /// Cylinders at these horizontal distances.

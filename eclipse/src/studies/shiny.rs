@@ -1,15 +1,19 @@
 //! S6: materials of shiny objects, on small captures of our own.
 
+mod told;
+
 use serde_json::{Map, Value, json};
 
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
-    evidence::{Axis, Chart, Content, Figure, Picture, Series, listed, range, seeds},
+    evidence::{Axis, Chart, Content, Figure, Picture, Series, listed, seeds},
     small::{KAPPA, Setup, settings},
     trial::{Solved, Trial},
 };
-use crate::{image_io::white, report::text::number, settings::Settings};
+use crate::{
+    image_io::white, reconstruct::shading::Lobe, report::text::number, settings::Settings,
+};
 
 /// Roughness: the supplement's, and that of the paper's other objects.
 const ALPHAS: [f32; 2] = [0.2, 0.6];
@@ -17,9 +21,6 @@ const ALPHAS: [f32; 2] = [0.2, 0.6];
 const STEPS: [u64; 3] = [1, 30, 30];
 /// Largest error of α, relative, and of κ that count as recovered.
 const CLOSE: [f64; 2] = [0.25, 0.02];
-
-/// A relative RMSE of the light beyond which no highlight of it is known.
-const BLURRED: f64 = 0.6;
 
 /// The study.
 pub(super) struct Shiny;
@@ -48,11 +49,13 @@ struct Row {
     /// The first seed's capture.
     shown: Trial,
     solved: Vec<Solved>,
+    /// What the solver finds where light and masks are told, a seed each.
+    told: Vec<Lobe>,
 }
 
 impl Row {
     fn new(bench: &Bench<'_>, alpha: f32) -> Result<Self, StudyError> {
-        let mut shown = None;
+        let (mut shown, mut told) = (None, Vec::new());
         let solved = bench.each(bench.seeds(), |seed| {
             let setup = Setup {
                 alpha: Some(alpha),
@@ -67,6 +70,7 @@ impl Row {
             };
             let words = format!("{}, seed {seed}", trial.name);
             let solved = bench.reconstructed(&trial, &words, &settings)?;
+            told.push(told::lobe(bench, &trial, seed)?);
             shown.get_or_insert(trial);
             Ok(solved)
         })?;
@@ -74,6 +78,7 @@ impl Row {
             alpha: alpha.into(),
             shown: shown.ok_or(StudyError::Nothing("at least one seed"))?,
             solved,
+            told,
         })
     }
 
@@ -96,8 +101,14 @@ impl Row {
         self.misses().is_empty()
     }
 
-    fn why(&self) -> &'static str {
-        why(&self.list(|s| Some(s.environment_error())))
+    fn told(&self) -> [Vec<f64>; 2] {
+        let list = |of: fn(&Lobe) -> f32| self.told.iter().map(|lobe| of(lobe).into()).collect();
+        [list(|lobe| lobe.alpha), list(|lobe| lobe.kappa)]
+    }
+
+    fn why(&self) -> String {
+        let [alphas, kappas] = self.told();
+        why(self.alpha, &alphas, &kappas)
     }
 
     /// What was not recovered, and in how many seeds.
@@ -106,14 +117,17 @@ impl Row {
     }
 }
 
-/// Why materials may be off, by what was measured of the `lights` that were found with them.
-fn why(lights: &[f64]) -> &'static str {
-    match range(lights)[0] > BLURRED {
-        true => {
-            "the light was hardly found either, and a highlight is its image; the cause was not found"
-        }
-        false => "the cause was not found",
-    }
+/// Why materials may be off, by what the same search finds, a seed each, where it is told light and masks.
+fn why(alpha: f64, alphas: &[f64], kappas: &[f64]) -> String {
+    let cause = match misses(alpha, alphas, kappas).is_empty() {
+        true => "errors of light and masks are the cause",
+        false => "its model of the surface is a cause",
+    };
+    format!(
+        "told the true light and masks, the same search finds α {}, κ {}: {cause}",
+        listed(alphas),
+        listed(kappas)
+    )
 }
 
 /// The same of these α and κ, a seed each.
@@ -181,6 +195,8 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
             let numbers = json!({
                 "alpha": row.alphas(),
                 "kappa": row.kappas(),
+                "alpha_told_light_and_masks": row.told()[0],
+                "kappa_told_light_and_masks": row.told()[1],
                 "alpha_rmse": row.list(|s| s.scores.materials.alpha_rmse),
                 "kappa_rmse": row.list(|s| s.scores.materials.kappa_rmse),
                 "albedo_psnr": row.list(|s| s.scores.albedo.psnr_aligned),
@@ -190,7 +206,9 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
         })
         .collect();
     let alphas = rows.iter().map(|row| (row.alpha, row.alphas()));
+    let told = rows.iter().map(|row| (row.alpha, row.told()[0].clone()));
     let mut roughness = Series::dots_by_seed("recovered", alphas);
+    roughness.extend(Series::dots_by_seed("told light and masks", told));
     roughness.push(Series::line("equal", vec![[0.0; 2], [1.0; 2]]));
     let mut figures = vec![Figure {
         name: "roughness".into(),
@@ -261,7 +279,8 @@ mod tests {
             "{narrow}"
         );
         assert!(said(&[f64::NAN], &[0.04]).contains("no material"));
-        assert!(why(&[0.8, 0.7]).contains("the light was hardly found"));
-        assert!(why(&[0.8, 0.4]).contains("the cause was not found"));
+        let cause = |alpha: f64| why(0.2, &[alpha; 3], &[0.04; 3]);
+        assert!(cause(0.21).ends_with("errors of light and masks are the cause"));
+        assert!(cause(0.31).ends_with("its model of the surface is a cause"));
     }
 }
