@@ -54,7 +54,8 @@ impl Surface {
             members: 2,
             model_error: MODEL_ERROR,
         };
-        let seen = Observations::gather(bvh, frames, noise, &options, seed, used);
+        let mut seen = Observations::gather(bvh, frames, noise, &options, seed, used);
+        temper(&mut seen);
         let quadrature = Quadrature::new(grid, SIDE);
         let rows = seen
             .patches
@@ -175,6 +176,25 @@ impl Surface {
     }
 }
 
+/// No photograph of a site is surer than the site's usual brightness allows: what a model leaves unexplained is a share of what should
+/// be seen. Where the shape is only approximate some photographs show something else, and a dark one, taken to be sure to a share
+/// of its own value, would outweigh all the others: the site would come out black.
+fn temper(seen: &mut Observations) {
+    let offsets = seen.offsets();
+    for ends in offsets.windows(2) {
+        let views = &mut seen.views[ends[0] as usize..ends[1] as usize];
+        for c in 0..3 {
+            let mut values: Vec<f32> = views.iter().map(|view| view.value[c]).collect();
+            values.sort_unstable_by(f32::total_cmp);
+            let usual = values.get(values.len() / 2).map_or(0.0, |v| v.max(0.0));
+            let most = (MODEL_ERROR * usual).powi(-2);
+            for view in views.iter_mut() {
+                view.weight[c] = view.weight[c].min(most);
+            }
+        }
+    }
+}
+
 /// Sites about a pixel apart: a view shows about a third of the surface.
 pub fn sites_for(frames: &[Frame]) -> usize {
     let inside = |frame: &Frame| frame.mask.data.iter().filter(|&&m| m > 0.5).count();
@@ -185,4 +205,60 @@ pub fn sites_for(frames: &[Frame]) -> usize {
 /// Where the cameras are.
 pub fn eyes(frames: &[Frame]) -> Vec<Vec3> {
     frames.iter().map(|frame| frame.camera.centre()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{super::patches::View, *};
+
+    #[test]
+    fn dark_photographs_do_not_outweigh_what_the_others_show() {
+        let view = |patch: u32, frame: u32, value: f32| View {
+            patch,
+            frame,
+            value: [value; 3],
+            weight: [(1e-3f32.powi(2) + (MODEL_ERROR * value).powi(2)).recip(); 3],
+            pixels: 1,
+        };
+        // The first site is bright, but for two photographs that show what is behind it; the second is dark.
+        let first = (0..10).map(|t| view(0, t, if t < 2 { 0.0 } else { 0.6 }));
+        let second = (0..10).map(|t| view(1, t, 0.02));
+        let place = |z: f32| Patch {
+            position: Vec3::Z * z,
+            normal: Vec3::Z,
+            members: Vec::new(),
+        };
+        let mut seen = Observations {
+            patches: vec![place(0.0), place(1.0)],
+            views: first.chain(second).collect(),
+            patch_of_pixel: Vec::new(),
+            spacing: 1.0,
+        };
+        let found = |seen: &Observations| {
+            let samples = seen.views[..10].iter().map(|view| Sample {
+                frame: view.frame,
+                value: view.value,
+                weight: view.weight,
+            });
+            let shades: Vec<Shade> = (0..10)
+                .map(|frame| Shade {
+                    frame,
+                    diffuse: [1.0; 3],
+                    ..Shade::default()
+                })
+                .collect();
+            albedo(&samples.collect::<Vec<_>>(), &shades).0[0]
+        };
+        let before = seen.views.clone();
+        assert!(found(&seen) < 0.1, "{}", found(&seen));
+        temper(&mut seen);
+        assert!((found(&seen) - 0.6).abs() < 0.06, "{}", found(&seen));
+        let untouched = |range: std::ops::Range<usize>| {
+            before[range.clone()]
+                .iter()
+                .zip(&seen.views[range])
+                .all(|(a, b)| a.weight == b.weight)
+        };
+        assert!(untouched(2..20));
+    }
 }
