@@ -70,7 +70,7 @@ impl Row {
             };
             let words = format!("{}, seed {seed}", trial.name);
             let solved = bench.reconstructed(&trial, &words, &settings)?;
-            told.push(told::lobe(bench, &trial, seed)?);
+            told.push(told::lobe(&trial, seed)?);
             shown.get_or_insert(trial);
             Ok(solved)
         })?;

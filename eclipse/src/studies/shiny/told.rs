@@ -2,7 +2,7 @@
 
 use render::{bvh::Bvh, image::Image, lat_long::LatLong};
 
-use super::super::{Bench, StudyError, trial::Trial};
+use super::super::{StudyError, trial::Trial};
 use crate::{
     capture::Capture,
     reconstruct::{
@@ -17,28 +17,16 @@ use crate::{
 /// The lobe that explains a small capture best under its true light and through its true masks, sought as the solver does.
 ///
 /// # Errors
-/// An object that cannot be seen, or no pool of threads.
-pub(super) fn lobe(bench: &Bench<'_>, trial: &Trial, seed: u64) -> Result<Lobe, StudyError> {
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(bench.settings(trial).threads)
-        .build()?;
-    let (capture, masks) = (&*trial.capture, trial.truth.occluders.as_deref());
-    let light = &trial.light;
-    pool.install(|| fit(capture, light, masks, seed))
-}
-
-fn fit(
-    capture: &Capture,
-    light: &Image,
-    masks: Option<&[Image]>,
-    seed: u64,
-) -> Result<Lobe, StudyError> {
+/// An object that cannot be seen.
+pub(super) fn lobe(trial: &Trial, seed: u64) -> Result<Lobe, StudyError> {
+    let (capture, light) = (&*trial.capture, &trial.light);
     let bvh = Bvh::new(&capture.mesh)?;
     let noise = noise::estimate(&capture.frames);
     let grid = LatLong::new(light.height, light.width);
     let sites = sites_for(&capture.frames);
     let all = |_: usize, _: u32| true;
     let surface = Surface::new(&bvh, &capture.frames, &noise, grid, sites, seed, &all);
+    let masks = trial.truth.occluders.as_deref();
     let masks = masks.and_then(|images| stood(capture, images, light.height));
     let scene = Scene {
         grid,
