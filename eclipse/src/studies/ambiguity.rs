@@ -239,7 +239,8 @@ fn evidence(pairs: &[Pair]) -> Evidence {
     );
     // A light and its occluder are compared with themselves only: how much of the light is blocked differs from seed to seed.
     let parts: Vec<bool> = pairs.iter().flat_map(Pair::parts).collect();
-    let clearer = range(&|p| p.difference(1, RIM) / p.difference(0, RIM));
+    let times = |rim: f32| range(&|p| p.difference(1, rim) / p.difference(0, rim));
+    let (clearer, with_rim) = (times(RIM), times(0.0));
     let blamed = FAILURES.iter().enumerate().filter_map(|(i, words)| {
         let of_seeds = parts.iter().skip(i).step_by(FAILURES.len());
         let failed = of_seeds.filter(|held| !**held).count();
@@ -260,11 +261,14 @@ fn evidence(pairs: &[Pair]) -> Evidence {
                 image with an occluder that is not seen itself tells them apart.",
         verdict: Verdict::of(&parts),
         sentence: format!(
-            "without an occluder the two photographs differ by {}, with one that is not in view by {}, {} to {} times as much.{why}",
+            "without an occluder the two photographs differ by {}, with an opaque one that is not in view by {}, {} to {} times as much; with the \
+             rim, which is left out, {} to {} times.{why}",
             percent(before),
             percent(after),
             number(clearer[0]),
             number(clearer[1]),
+            number(with_rim[0]),
+            number(with_rim[1]),
         ),
         numbers: json!({
             "difference_without_occluder": before,

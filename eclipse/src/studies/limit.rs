@@ -186,9 +186,9 @@ fn label(limit: &Limit) -> String {
 
 fn evidence(bench: &Bench<'_>, studied: &[Studied]) -> Evidence {
     let held: Vec<bool> = studied.iter().flat_map(Studied::parts).collect();
-    let sentences = studied.iter();
-    let sentences = sentences.map(|s| format!("{}: {}{}", s.name, s.sentence(), s.why()));
-    let sentences: Vec<String> = sentences.collect();
+    let details = studied.iter();
+    let details = details.map(|s| format!("{}: {}{}.", s.name, s.sentence(), s.why()));
+    let details: Vec<String> = details.collect();
     let numbers: Map<String, Value> = studied
         .iter()
         .map(|s| (s.name.clone(), s.numbers()))
@@ -204,7 +204,7 @@ fn evidence(bench: &Bench<'_>, studied: &[Studied]) -> Evidence {
         sentence: in_short(studied),
         numbers: Value::Object(numbers),
         figures: studied.iter().flat_map(figures).collect(),
-        details: vec![sentences.join("; ") + "."],
+        details,
         notes: vec![
             format!(
                 "One channel on {} x {} texels, about {} patches of surface in every photograph that sees them ({} for their places; the \
@@ -241,8 +241,9 @@ fn in_short(studied: &[Studied]) -> String {
     let failed = studied.iter().filter(|s| !s.held());
     let failed: Vec<&str> = failed.map(|s| &*s.name).collect();
     format!(
-        "the best linear estimate of light leaves an RMS error of {} of the light's deviation where somebody stands at a known place in it, \
-         {} where nobody does, the albedo being unknown; {} and {} were it known ({}){}.",
+        "the best linear estimate of light without a prior, which does not bound a reconstruction, leaves an RMS error of {} of the light's \
+         deviation where somebody stands at a known place in it, {} where nobody does, the albedo being unknown; {} and {} were it known (\
+         {HELPS} of the error without anybody counts as help; {}){}.",
         percent(true, false),
         percent(false, false),
         percent(true, true),
@@ -251,7 +252,7 @@ fn in_short(studied: &[Studied]) -> String {
         match failed.is_empty() {
             true => String::new(),
             false => format!(
-                "; that is little help on {}: the object's own shadows tell as much, or somebody there does not tell light from albedo",
+                "; that is too little on {}: the object's own shadows tell as much, or somebody there does not tell light from albedo",
                 failed.join(", ")
             ),
         }

@@ -274,6 +274,15 @@ pub(super) fn solve(bench: &Bench<'_>, setup: Setup) -> Result<(Trial, Solved), 
     })
 }
 
+/// The same in all steps of the schedule's coarse stage.
+///
+/// # Errors
+/// As [`solve`].
+pub(super) fn solve_longer(bench: &Bench<'_>, setup: Setup) -> Result<(Trial, Solved), StudyError> {
+    let words = format!("{}, {} steps", setup.words(), steps(bench));
+    solve_with(bench, setup, &words, settings)
+}
+
 /// The same by the paper's algorithm with so many rays from each surface point.
 ///
 /// # Errors

@@ -2,6 +2,7 @@
 
 mod figure;
 mod trend;
+mod varied;
 
 use std::cmp::Ordering;
 
@@ -10,13 +11,16 @@ use serde_json::{Map, Value, json};
 use self::{
     figure::figure,
     trend::{Trend, in_short},
+    varied::{Case, Sweep, sweeps},
 };
 use super::trial::Solved;
 use super::{
-    Evidence, Study, StudyError, Verdict,
+    Evidence, Scale, Study, StudyError, Verdict,
     bench::Bench,
     evidence::{listed, seeds},
-    small::{BATCH, Setup, iterations, misfit, solve, solve_by_rays, telling_steps},
+    small::{
+        BATCH, Setup, iterations, misfit, solve, solve_by_rays, solve_longer, steps, telling_steps,
+    },
 };
 use crate::report::text::number;
 
@@ -24,7 +28,8 @@ use crate::report::text::number;
 const LAMPS: &str = "lamps";
 const PERSON: &str = "person";
 const ROUGHNESS: &str = "roughness";
-/// Where so much more of the photographs is left than their noise, a solve by the paper's algorithm was cut short.
+const NOISE: &str = "noise";
+/// Where so many times the variance is left of the photographs that was expected, solves may have been cut short.
 const CUT_SHORT: f64 = 2.0;
 
 /// The study.
@@ -42,127 +47,6 @@ impl Study for Sweeps {
     }
 }
 
-/// One thing that is varied.
-struct Sweep {
-    name: &'static str,
-    label: &'static str,
-    logarithmic: bool,
-    points: Vec<(f64, Case)>,
-}
-
-/// A capture, and how it is solved.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Case {
-    setup: Setup,
-    /// By the paper's algorithm with so many rays from each surface point; `None` for the fast preset.
-    rays: Option<u64>,
-}
-
-impl From<Setup> for Case {
-    fn from(setup: Setup) -> Self {
-        Self { setup, rays: None }
-    }
-}
-
-/// What is varied, and over which values: at a glance, quick, and in full. Quick ones have a third value where a part of the
-/// claim is about a trend, but for roughness, whose solves are the longest.
-fn sweeps(bench: &Bench<'_>) -> Vec<Sweep> {
-    let base = Setup::telling(bench.scale);
-    let sweep = |name, label, logarithmic, values: [&[f32]; 3], set: &dyn Fn(f32) -> Case| Sweep {
-        name,
-        label,
-        logarithmic,
-        points: bench
-            .of_scale(values)
-            .iter()
-            .map(|&value| (in_words(value), set(value)))
-            .collect(),
-    };
-    vec![
-        sweep(
-            LAMPS,
-            "radius of lamps at 1/e, degrees",
-            false,
-            [
-                &[12.0, 30.0],
-                &[5.0, 12.0, 30.0],
-                &[4.0, 7.0, 12.0, 20.0, 30.0, 45.0],
-            ],
-            &|lamp| Setup { lamp, ..base }.into(),
-        ),
-        sweep(
-            ROUGHNESS,
-            "roughness α (1 is matt)",
-            false,
-            [&[0.2, 1.0], &[0.2, 1.0], &[0.1, 0.2, 0.35, 0.5, 0.7, 1.0]],
-            &|alpha| {
-                Setup {
-                    alpha: (alpha < 1.0).then_some(alpha),
-                    ..base
-                }
-                .into()
-            },
-        ),
-        sweep(
-            PERSON,
-            "height of the person, relative",
-            false,
-            [
-                &[1.0, 1.6],
-                &[0.5, 1.0, 1.6],
-                &[0.3, 0.5, 0.75, 1.0, 1.3, 1.6],
-            ],
-            &|person| {
-                Setup {
-                    person: Some(person),
-                    ..base
-                }
-                .into()
-            },
-        ),
-        sweep(
-            "noise",
-            "noise σ at a pixel value of 0.75",
-            true,
-            [
-                &[0.005],
-                &[0.005, 0.05],
-                &[0.001, 0.002, 0.005, 0.01, 0.02, 0.05],
-            ],
-            &|noise| Setup { noise, ..base }.into(),
-        ),
-        sweep(
-            "rays",
-            "secondary rays of the paper's algorithm",
-            true,
-            [&[4.0], &[4.0, 64.0], &[4.0, 8.0, 16.0, 64.0, 256.0]],
-            &|rays| Case {
-                setup: Setup::noisy(bench.scale),
-                rays: Some(rays as u64),
-            },
-        ),
-        // Last: cameras elsewhere have to look anew.
-        sweep(
-            "images",
-            "photographs",
-            false,
-            [&[6.0], &[24.0, 48.0], &[8.0, 16.0, 32.0, 48.0, 96.0]],
-            &|frames| {
-                Setup {
-                    frames: frames as usize,
-                    ..base
-                }
-                .into()
-            },
-        ),
-    ]
-}
-
-/// The number that people read: 0.2, not the nearest one of single precision.
-fn in_words(value: f32) -> f64 {
-    value.to_string().parse().unwrap_or(value.into())
-}
-
 /// What was found of cases that have been solved.
 #[derive(Default)]
 struct Found(Vec<(Case, Outcome)>);
@@ -172,10 +56,9 @@ struct Found(Vec<(Case, Outcome)>);
 struct Outcome {
     /// Relative squared error of light.
     error: f64,
-    /// Of the paper's algorithm, see [`misfit`].
-    misfit: Option<f64>,
-    /// Of the fast preset: residuals over what they were taken to be, RMS.
-    left: Option<f64>,
+    /// Variance that is left of the photographs over what was expected: by the paper's algorithm of their noise, see [`misfit`]; by the fast
+    /// preset of noise and its model's coarseness.
+    misfit: f64,
 }
 
 impl Found {
@@ -204,21 +87,55 @@ impl Found {
             None => solve(bench, case.setup)?,
             Some(rays) => solve_by_rays(bench, case.setup, rays)?,
         };
-        let error = solved.scores.environment.texels.relative_mse_aligned;
         let outcome = Outcome {
-            error: error.unwrap_or(f64::NAN),
-            misfit: case.rays.map(|_| misfit(&trial, &case.setup, &solved)),
-            left: case.rays.is_none().then(|| left(&solved)),
+            error: error(&solved),
+            misfit: match case.rays {
+                None => left(&solved).powi(2),
+                Some(_) => misfit(&trial, &case.setup, &solved),
+            },
         };
         self.0.push((case, outcome));
         Ok(outcome)
     }
 }
 
-/// See [`Outcome::left`].
+/// Relative squared error of light.
+fn error(solved: &Solved) -> f64 {
+    let error = solved.scores.environment.texels.relative_mse_aligned;
+    error.unwrap_or(f64::NAN)
+}
+
+/// Residuals of the fast preset over what they were taken to be, RMS.
 fn left(solved: &Solved) -> f64 {
     let doubt = solved.found.uncertainty.as_ref();
     doubt.map_or(f64::NAN, |doubt| doubt.summary.misfit)
+}
+
+/// A value's first seed in more steps: errors with somebody in the light and with nobody.
+struct Longer {
+    value: f64,
+    /// In as many steps as all.
+    before: [f64; 2],
+    after: [f64; 2],
+}
+
+impl Longer {
+    fn sentence(&self) -> String {
+        let [after, before] = [self.after, self.before];
+        format!(
+            "; at {} with all steps of the coarse stage {} with somebody and {} with nobody in place of {} and {} (first seed): {}",
+            number(self.value),
+            number(after[0]),
+            number(after[1]),
+            number(before[0]),
+            number(before[1]),
+            match (no_help(&after), after[0].partial_cmp(&before[0])) {
+                (false, _) => "too few steps are the cause",
+                (true, Some(Ordering::Less)) => "too few steps are not the only cause",
+                (true, _) => "too few steps are not the cause",
+            }
+        )
+    }
 }
 
 /// A sweep's errors.
@@ -226,10 +143,10 @@ struct Curve {
     sweep: Sweep,
     /// `[value][seed]`: with somebody in the light and with nobody.
     errors: Vec<Vec<[f64; 2]>>,
-    /// Mean misfit of the solves with somebody in the light, where the paper's algorithm made them.
-    misfit: Option<f64>,
-    /// The same by the fast preset, a value each, as [`Outcome::left`].
-    left: Vec<f64>,
+    /// Mean misfit of the solves with somebody in the light, a value each.
+    misfit: Vec<f64>,
+    /// What more steps made of values at which somebody was no help.
+    longer: Vec<Longer>,
 }
 
 impl Curve {
@@ -238,28 +155,53 @@ impl Curve {
         let outcomes = bench.each(cases, |(_, case)| found.of(bench, *case))?;
         // After a stop only those that were solved.
         sweep.points.truncate(outcomes.len());
-        let all = outcomes.iter().flatten();
-        let misfits: Vec<f64> = all.filter_map(|pair| pair[0].misfit).collect();
-        let mean = |of: &[f64]| of.iter().sum::<f64>() / of.len() as f64;
-        let left = outcomes.iter().map(|seeds| {
-            let left: Vec<f64> = seeds.iter().filter_map(|pair| pair[0].left).collect();
-            mean(&left)
+        let misfit = outcomes.iter().map(|seeds| {
+            let sum: f64 = seeds.iter().map(|pair| pair[0].misfit).sum();
+            sum / seeds.len() as f64
         });
         let errors = outcomes.iter().map(|seeds| {
             let pairs = seeds.iter().map(|pair| pair.map(|outcome| outcome.error));
             pairs.collect()
         });
-        Ok(Self {
+        let mut curve = Self {
             errors: errors.collect(),
-            misfit: (!misfits.is_empty()).then(|| mean(&misfits)),
-            left: left.collect(),
+            misfit: misfit.collect(),
+            longer: Vec::new(),
             sweep,
-        })
+        };
+        curve.longer = curve.with_more_steps(bench)?;
+        Ok(curve)
     }
 
-    /// Whether solves came far enough for their errors to say anything.
-    fn tested(&self) -> bool {
-        self.misfit.is_none_or(|misfit| misfit <= CUT_SHORT)
+    /// Where somebody is no help to the fast preset the first seed is solved again in more steps, if there are any: whether too few are
+    /// the cause.
+    fn with_more_steps(&self, bench: &Bench<'_>) -> Result<Vec<Longer>, StudyError> {
+        let helpless = self.helpless();
+        let points = self.sweep.points.iter().zip(&self.errors);
+        let again = points.filter(|((value, case), _)| {
+            case.rays.is_none() && telling_steps(bench) < steps(bench) && helpless.contains(value)
+        });
+        let again = again.map(|((value, case), pairs)| {
+            let somebody = case.setup;
+            let nobody = Setup {
+                person: None,
+                ..somebody
+            };
+            let mut after = [0.0; 2];
+            for (error, setup) in after.iter_mut().zip([somebody, nobody]) {
+                *error = self::error(&solve_longer(bench, setup)?.1);
+            }
+            Ok(Longer {
+                value: *value,
+                before: pairs[0],
+                after,
+            })
+        });
+        match again.collect() {
+            // What was found until then stands.
+            Err(StudyError::Stopped) => Ok(Vec::new()),
+            again => again,
+        }
     }
 
     /// Means over seeds.
@@ -279,63 +221,54 @@ impl Curve {
             .collect()
     }
 
-    /// What came of the claim here, in a word.
-    fn outcome(&self) -> &'static str {
-        match self.tested() {
-            true => outcome(self.helpless().is_empty()),
-            false => "not tested",
-        }
-    }
-
-    /// The same and, where it is not that the claim held, why.
-    fn outcome_and_why(&self) -> String {
-        match (self.tested(), self.helpless().is_empty()) {
-            (true, true) => self.outcome().to_owned(),
-            _ => format!("{}: {}", self.outcome(), self.why()),
-        }
+    /// Whether somebody is a help at every value, in every seed.
+    fn held(&self) -> bool {
+        self.helpless().is_empty()
     }
 
     /// What was measured that explains no help.
     fn why(&self) -> String {
-        match self.misfit {
-            Some(misfit) if misfit > CUT_SHORT => format!(
-                "solves ended with {} times the variance of the noise left, so that their iterations were too few",
-                number(misfit)
+        let most = self.misfit.iter().copied().fold(0.0, f64::max);
+        let mut words = match most > CUT_SHORT {
+            true => format!(
+                "solves with somebody ended with {} times the variance that was expected of what is left of the photographs, so that they may \
+                 have been too short",
+                listed(&self.misfit)
             ),
-            Some(_) => "photographs were explained, and the cause was not found".to_owned(),
-            None => format!(
-                "residuals are {} times what noise and the model's coarseness would leave (RMS, with somebody), beyond which the cause was \
-                 not found",
-                listed(&self.left)
-            ),
+            false => "photographs were explained, and the cause was not found".to_owned(),
+        };
+        for longer in &self.longer {
+            words += &longer.sentence();
         }
+        words
     }
 
     fn sentence(&self) -> String {
-        let ends = |which: usize| {
-            let means = self.means(which);
-            format!("{} to {}", number(means[0]), number(means[means.len() - 1]))
-        };
         let helpless = self.helpless();
-        let outcome = self.outcome();
-        let but = match (self.tested(), helpless.is_empty()) {
-            (false, _) => format!(" ({outcome}: {})", self.why()),
-            (true, true) => format!(" (better in every seed: {outcome})"),
-            (true, false) => format!(
-                " (no help in some seed at {}: {outcome}; {})",
+        let but = match helpless.is_empty() {
+            true => " (better in every seed: held)".to_owned(),
+            false => format!(
+                " (no help in some seed at {}: not held; {})",
                 listed(&helpless),
                 self.why()
             ),
         };
-        let points = &self.sweep.points;
-        format!(
-            "over {} from {} to {}: {} with somebody in the light, {} with nobody{but}",
+        let points = self.sweep.points.iter().map(|point| point.0);
+        let points: Vec<f64> = points.collect();
+        let (with, without) = (self.means(0), self.means(1));
+        let mut sentence = format!(
+            "over {}, {}: {} with somebody in the light, {} with nobody{but}",
             self.sweep.label,
-            number(points[0].0),
-            number(points[points.len() - 1].0),
-            ends(0),
-            ends(1),
-        )
+            listed(&points),
+            listed(&with),
+            listed(&without),
+        );
+        let last = with.len() - 1;
+        if self.sweep.name == NOISE && with[last] < with[0] {
+            sentence +=
+                "; more noise lowers the error with somebody in the light, and why was not found";
+        }
+        sentence
     }
 }
 
@@ -355,13 +288,14 @@ fn no_help([with, without]: &[f64; 2]) -> bool {
 fn evidence(bench: &Bench<'_>, curves: &[Curve]) -> Evidence {
     let trends = Trend::all(curves);
     let noisy = Setup::noisy(bench.scale);
-    let helps = curves.iter();
-    let helps = helps.map(|c| c.tested().then(|| c.helpless().is_empty()));
-    let trended = trends.iter().map(|trend| Some(trend.held));
-    let held: Vec<Option<bool>> = helps.chain(trended).collect();
+    let helps = curves.iter().map(Curve::held);
+    let held: Vec<bool> = helps.chain(trends.iter().map(|trend| trend.held)).collect();
     let sentence = in_short(curves, &trends);
-    let mut details: Vec<String> = curves.iter().map(Curve::sentence).collect();
-    details.extend(trends.into_iter().map(|trend| trend.words));
+    let curves_in_words = curves.iter();
+    let curves_in_words =
+        curves_in_words.map(|curve| format!("Relative MSE of the light {}.", curve.sentence()));
+    let mut details: Vec<String> = curves_in_words.collect();
+    details.extend(trends.into_iter().map(|trend| format!("{}.", trend.words)));
     let numbers: Map<String, Value> = curves
         .iter()
         .map(|curve| {
@@ -374,10 +308,17 @@ fn evidence(bench: &Bench<'_>, curves: &[Curve]) -> Evidence {
             };
             let points = curve.sweep.points.iter().zip(&curve.errors);
             let mut table: Map<String, Value> = points.map(of).collect();
-            match curve.misfit {
-                Some(misfit) => table.insert("misfit".to_owned(), json!(misfit)),
-                None => table.insert("residuals_over_expected".to_owned(), json!(curve.left)),
-            };
+            table.insert("misfit".to_owned(), json!(curve.misfit));
+            let longer = curve.longer.iter();
+            let longer: Map<String, Value> = longer
+                .map(|Longer { value, after, .. }| {
+                    let pair = json!({"somebody": after[0], "nobody": after[1]});
+                    (number(*value), pair)
+                })
+                .collect();
+            if !longer.is_empty() {
+                table.insert("first_seed_in_more_steps".to_owned(), longer.into());
+            }
             (curve.sweep.name.to_owned(), Value::Object(table))
         })
         .collect();
@@ -388,23 +329,24 @@ fn evidence(bench: &Bench<'_>, curves: &[Curve]) -> Evidence {
         claim: "Over the frequency of light, roughness, the occluder's size, the number of images, their noise and the number of \
                 secondary rays, light is recovered better with an unseen occluder that is modelled than without one in the scene; larger occluders help more; and the gain \
                 grows with the light's frequency and with the object's roughness.",
-        verdict: Verdict::of_all(&held),
+        verdict: Verdict::of(&held),
         sentence,
         numbers: Value::Object(numbers),
         figures: curves.iter().map(figure).collect(),
-        details: vec![format!(
-            "Relative MSE of the light {}.",
-            details.join("; ")
-        )],
+        details,
         notes: vec![
             conditions(bench),
+            match bench.scale {
+                Scale::Full => "Three to six values a sweep.".to_owned(),
+                _ => "A quick run has two values a sweep, three where a trend is claimed but for roughness: with two, a trend is a difference.".to_owned(),
+            },
             "Somebody is no help where nobody in the light is as good in any seed. A trend holds where it does between the ends of \
              its sweep in every seed. The gain from somebody in the light is the share of the error that they take away."
                 .into(),
             format!(
                 "The fast preset integrates by quadrature and has no secondary rays: over their number the paper's algorithm is compared \
-                 with itself, on {} photographs of {} x {} pixels with noise of {}, in {} iterations of {} pixels each. Misfit: the variance of what it leaves of the photographs over that of \
-                 their noise. The paper's occluders are masks on a sphere through the camera, these on one 1.2 times as large; the fast preset looks \
+                 with itself, on {} photographs of {} x {} pixels with noise of {}, in {} iterations of {} pixels each. Misfit: the variance of what is left of the photographs with somebody in the light over what was \
+                 expected, which is their noise and, of the fast preset, its model's coarseness. The paper's occluders are masks on a sphere through the camera, these on one 1.2 times as large; the fast preset looks \
                  for a figure on an upright cylinder.",
                 noisy.frames,
                 noisy.resolution,
@@ -449,8 +391,8 @@ mod tests {
                 points: points.collect(),
             },
             errors: errors.iter().map(|(_, seeds)| seeds.to_vec()).collect(),
-            misfit: None,
-            left: vec![2.5; errors.len()],
+            misfit: vec![1.2; errors.len()],
+            longer: Vec::new(),
         }
     }
 
@@ -465,47 +407,71 @@ mod tests {
             &[(1.0, [[0.1, 0.2]; 2]), (2.0, [[0.1, 0.2], [f64::NAN, 0.2]])],
         );
         assert_eq!(broken.helpless(), [2.0]);
-        assert!(broken.sentence().contains("at 2: not held"));
+        assert!(!broken.held() && broken.sentence().contains("at 2: not held"));
     }
 
     #[test]
-    fn what_was_cut_short_was_not_tested() {
-        let with = |error: f64, misfit: f64| Curve {
-            misfit: Some(misfit),
-            ..curve("rays", &[(4.0, [[error, 0.5]; 2]), (64.0, [[0.3, 0.5]; 2])])
-        };
-        for error in [0.4, 0.6] {
-            let short = with(error, 30.0);
-            assert!(!short.tested());
-            let told = short.sentence();
+    fn every_sweep_is_judged_by_the_same_rule_and_what_was_measured_of_a_failure_is_told() {
+        let errors = [(5.0, [[0.6, 0.5]; 2]), (12.0, [[0.3, 0.5]; 2])];
+        for name in [LAMPS, "rays"] {
+            let helpless = curve(name, &errors);
+            let told = helpless.sentence();
             assert!(
-                told.contains("(not tested: solves ended with 30") && !told.contains("held"),
+                told.contains(
+                    "at 5: not held; photographs were explained, and the cause was not found"
+                ),
                 "{told}"
             );
-            assert!(in_short(&[short], &[]).contains("(not tested: solves ended with 30"));
+            let short = Curve {
+                misfit: vec![30.0, 1.0],
+                ..helpless
+            };
+            assert!(!short.held());
+            let told = short.sentence();
+            assert!(
+                told.contains("ended with 30, 1 times the variance"),
+                "{told}"
+            );
+            let short = in_short(&[short], &[]);
+            assert!(short.contains("0 of 1 sweeps held"), "{short}");
+            assert!(
+                short.contains(&format!("{name} at 5 (0.6 against 0.5)")),
+                "{short}"
+            );
         }
-        let held = with(0.4, 1.2).sentence();
-        assert!(held.contains("held)"), "{held}");
-        let unknown = with(0.6, 1.2).sentence();
-        assert!(unknown.contains("the cause was not found"), "{unknown}");
+        let held = curve("rays", &errors[1..]);
+        assert!(held.held() && held.sentence().ends_with("held)"));
     }
 
     #[test]
-    fn where_somebody_is_no_help_what_is_left_of_photographs_is_told() {
-        let errors = [(5.0, [[0.6, 0.5]; 2]), (12.0, [[0.3, 0.5]; 2])];
-        let helpless = curve(LAMPS, &errors);
-        let told = helpless.sentence();
-        assert!(
-            told.contains("at 5: not held; residuals are 2.5, 2.5 times"),
-            "{told}"
-        );
-        let short = in_short(&[helpless], &[]);
-        assert!(
-            short.contains(
-                "lamps 5, 12: 0.6, 0.3 with somebody in the light, 0.5, 0.5 with nobody (not held: residuals are 2.5, 2.5 times"
-            ),
-            "{short}"
-        );
+    fn more_steps_are_the_cause_where_they_make_it_a_help() {
+        let with = |after: [f64; 2]| {
+            let curve = Curve {
+                longer: vec![Longer {
+                    value: 5.0,
+                    before: [0.6, 0.5],
+                    after,
+                }],
+                ..curve(LAMPS, &[(5.0, [[0.6, 0.5]; 2])])
+            };
+            curve.sentence()
+        };
+        assert!(with([0.4, 0.5]).contains("too few steps are the cause"));
+        assert!(with([0.55, 0.5]).contains("too few steps are not the only cause"));
+        for after in [[0.7, 0.5], [f64::NAN, 0.5]] {
+            assert!(with(after).contains("too few steps are not the cause"));
+        }
+    }
+
+    #[test]
+    fn that_noise_lowers_an_error_is_told() {
+        let told = |last: f64| {
+            let errors = [(0.005, [[0.3, 0.6]; 2]), (0.05, [[last, 0.6]; 2])];
+            curve(NOISE, &errors)
+                .sentence()
+                .contains("more noise lowers")
+        };
+        assert!(told(0.2) && !told(0.4));
     }
 
     #[test]

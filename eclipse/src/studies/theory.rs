@@ -56,6 +56,13 @@ impl Contrast {
             Self::High => "high_contrast",
         }
     }
+
+    fn words(self) -> &'static str {
+        match self {
+            Self::Low => "low contrast",
+            Self::High => "high contrast",
+        }
+    }
 }
 
 /// A light with amplitudes 1/f^a and random phases.
@@ -156,13 +163,9 @@ impl Spectrum {
     /// What is to be said where it is not, and why: a row is the light's spectrum.
     fn elsewhere(&self) -> String {
         format!(
-            "for a = {} at {} contrast {} to {} of a row's energy lies around the diagonal, as the spectrum of such light has the rest at all \
-             other frequencies",
+            "for a = {} at {} {} to {} is there, as the spectrum of such light has the rest at all other frequencies",
             self.exponent,
-            match self.contrast {
-                Contrast::Low => "low",
-                Contrast::High => "high",
-            },
+            self.contrast.words(),
             number(self.around[0]),
             number(self.around[1])
         )
@@ -252,9 +255,8 @@ fn evidence() -> Evidence {
                 approaches a circulant matrix.",
         verdict: Verdict::of(&held),
         sentence: format!(
-            "{} of a row's energy or more lies around the diagonal for 1/f^a spectra (a = 0.1, 1, 10; mean radiance as low as \
-             non-negativity allows), {} for their exponentials, light of high contrast; AᵀA comes within {} of a circulant matrix at 32 \
-             observations, from {} at one.{}",
+            "{} of a row's energy or more lies around the diagonal for 1/f^a spectra (a = 0.1, 1, 10) of low contrast, {} for such of high \
+             contrast; AᵀA comes within {} of a circulant matrix at 32 observations, from {} at one.{}",
             around(Contrast::Low),
             around(Contrast::High),
             number(circulant[circulant.len() - 1]),
@@ -319,24 +321,10 @@ fn figures(grams: &[DMatrix<f64>]) -> Vec<Figure> {
             series: spectra.collect(),
         }),
     }];
-    for index in ROWS {
-        let rows = EXPONENTS.iter().zip(&lights).map(|(&a, light)| {
-            let row = wave_row(&mask_operator(&flatland, light), index);
-            let points = (0..half).map(|k| [k as f64, row[k] / row[index]]);
-            Series::line(label(a), points.collect())
-        });
-        figures.push(Figure {
-            name: format!("row-{index}"),
-            caption: format!(
-                "Magnitudes of row {index} of FBFᴴ, low contrast, divided by its diagonal element."
-            ),
-            content: Content::Chart(Chart {
-                x: Axis::linear("column", [0.0, half as f64]),
-                y: Axis::logarithmic("magnitude / diagonal", [1e-5, 2.0]),
-                series: rows.collect(),
-            }),
-        });
-    }
+    let all = [Contrast::Low, Contrast::High]
+        .into_iter()
+        .flat_map(|contrast| ROWS.map(|index| (contrast, index)));
+    figures.extend(all.map(|(contrast, index)| rows(contrast, index)));
     let pictures = OBSERVATIONS.iter().zip(grams).map(|(t, gram)| {
         let (low, high) = (gram.min() as f32, gram.max() as f32);
         Picture {
@@ -357,6 +345,30 @@ fn figures(grams: &[DMatrix<f64>]) -> Vec<Figure> {
         content: Content::Pictures(pictures.collect()),
     });
     figures
+}
+
+/// A row of FBFᴴ for each spectrum.
+fn rows(contrast: Contrast, index: usize) -> Figure {
+    let flatland = Flatland::PAPER;
+    let half = flatland.samples / 2;
+    let rows = EXPONENTS.map(|a| {
+        let light = light(flatland.samples, a, SEEDS.start, contrast);
+        let row = wave_row(&mask_operator(&flatland, &light), index);
+        let points = (0..half).map(|k| [k as f64, row[k] / row[index]]);
+        Series::line(format!("a = {a}"), points.collect())
+    });
+    Figure {
+        name: format!("row-{index}-{}", contrast.name().replace('_', "-")),
+        caption: format!(
+            "Magnitudes of row {index} of FBFᴴ, {}, divided by its diagonal element; first seed.",
+            contrast.words()
+        ),
+        content: Content::Chart(Chart {
+            x: Axis::linear("column", [0.0, half as f64]),
+            y: Axis::logarithmic("magnitude / diagonal", [1e-5, 2.0]),
+            series: rows.into(),
+        }),
+    }
 }
 
 #[cfg(test)]

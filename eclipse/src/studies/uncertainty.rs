@@ -1,11 +1,15 @@
 //! Whether standard deviations are of the size of errors: against the spread over draws of noise and seeds, and the truth.
 
+mod edges;
 mod spread;
 
 use render::{image::Image, lat_long::LatLong};
 use serde_json::{Map, Value, json};
 
-use self::spread::{HONEST, Spread, Values};
+use self::{
+    edges::Edges,
+    spread::{HONEST, Spread, Values},
+};
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
@@ -51,7 +55,8 @@ impl Study for Uncertain {
         match first {
             Some(trial) if draws.len() > 1 => {
                 let quantities = Quantity::all(&trial, &draws);
-                Ok(evidence(bench, &quantities, &draws))
+                let edges = Edges::new(&quantities[1].spread, &trial)?;
+                Ok(evidence(bench, &quantities, &draws, &edges))
             }
             _ => Err(bench.nothing("at least two draws")),
         }
@@ -187,7 +192,12 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-fn evidence(bench: &Bench<'_>, quantities: &[Quantity; 3], draws: &[Draw]) -> Evidence {
+fn evidence(
+    bench: &Bench<'_>,
+    quantities: &[Quantity; 3],
+    draws: &[Draw],
+    edges: &Edges,
+) -> Evidence {
     let over = |of: &dyn Fn(&Draw) -> f64| mean(&draws.iter().map(of).collect::<Vec<_>>());
     let cost = over(&|d| d.cost);
     let known = [over(&|d| d.known[0]), over(&|d| d.known[1])];
@@ -211,9 +221,9 @@ fn evidence(bench: &Bench<'_>, quantities: &[Quantity; 3], draws: &[Draw]) -> Ev
             listed(&spreads().map(Spread::size).collect::<Vec<_>>()),
             draws.len(),
             listed(&spreads().map(|s| 100.0 * s.within[1]).collect::<Vec<_>>()),
-            why(&failures, smaller, known)
+            why(&failures, cause(smaller, known, &quantities[1].spread, edges))
         ),
-        numbers: numbers(spreads(), draws.len(), cost, known),
+        numbers: numbers(spreads(), draws.len(), cost, known, edges),
         figures: quantities.iter().flat_map(figures).collect(),
         details: vec![format!(
             "{}. For a normal distribution 68 and 95 % lie within one and two deviations. They took {} % of the solve's time.",
@@ -245,6 +255,7 @@ fn numbers<'a>(
     draws: usize,
     cost: f64,
     known: [f64; 2],
+    edges: &Edges,
 ) -> Value {
     let mut numbers = Map::new();
     numbers.insert("draws".into(), json!(draws));
@@ -260,6 +271,18 @@ fn numbers<'a>(
             numbers.insert(format!("{}_{what}", spread.name), json!(value));
         }
     }
+    numbers.insert(
+        "albedo_share_of_pixels_at_edges".into(),
+        json!(edges.shares[0]),
+    );
+    numbers.insert(
+        "albedo_share_of_squared_error_at_edges".into(),
+        json!(edges.shares[1]),
+    );
+    numbers.insert(
+        "albedo_rank_correlation_of_error_elsewhere".into(),
+        json!(edges.elsewhere),
+    );
     numbers.insert("share_of_solve_time".into(), json!(cost));
     numbers.insert("known_numbers".into(), json!(known[0]));
     numbers.insert("known_numbers_at_most".into(), json!(known[1]));
@@ -274,23 +297,33 @@ fn listed_names<'a>(spreads: impl Iterator<Item = &'a Spread>) -> String {
         .join(", ")
 }
 
-/// What failed, and what was measured that explains it; `smaller` where errors of something are less than half of what was predicted.
-fn why(failures: &[String], smaller: bool, known: [f64; 2]) -> String {
-    if failures.is_empty() {
-        return String::new();
+/// What failed, and why.
+fn why(failures: &[String], cause: String) -> String {
+    match failures.is_empty() {
+        true => String::new(),
+        false => format!(" Not so: {}; {cause}.", failures.join(", ")),
     }
+}
+
+/// What was measured that explains a failure; `smaller` where errors of something are less than half of what was predicted.
+fn cause(smaller: bool, known: [f64; 2], albedo: &Spread, edges: &Edges) -> String {
     // A short solve counts what it had no time to find as unknown.
-    let unfinished = known[1] > UNFINISHED * known[0];
-    let cause = match smaller && unfinished {
-        true => format!(
+    let unfinished = smaller && known[1] > UNFINISHED * known[0];
+    let unfinished = unfinished.then(|| {
+        format!(
             "deviations are too large where a solve had no time to find what is known: {} numbers were, up to {} may be",
             number(known[0]),
             number(known[1])
-        ),
-        false => "the cause was not found; deviations know nothing of what the model leaves out"
+        )
+    });
+    let misplaced = !albedo.parts()[2];
+    let misplaced = misplaced.then(|| edges.why());
+    let causes: Vec<String> = unfinished.into_iter().chain(misplaced).collect();
+    match causes.is_empty() {
+        true => "the cause was not found; deviations know nothing of what the model leaves out"
             .to_owned(),
-    };
-    format!(" Not so: {}; {cause}.", failures.join(", "))
+        false => causes.join("; "),
+    }
 }
 
 /// Errors and spread over deviations, and where they are.
@@ -363,14 +396,34 @@ mod tests {
 
     #[test]
     fn reasons_follow_what_was_measured() {
-        assert_eq!(why(&[], true, [10.0, 90.0]), "");
+        assert_eq!(why(&[], "it rained".into()), "");
         let failed = ["errors of the masks are less than half of what was predicted".to_owned()];
-        let unknown = why(&failed, false, [10.0, 90.0]);
-        assert!(unknown.contains("Not so: errors of the masks"), "{unknown}");
+        let told = why(&failed, "it rained".into());
+        assert!(
+            told.contains("Not so: errors of the masks") && told.ends_with("it rained."),
+            "{told}"
+        );
+
+        let edges = Edges {
+            shares: [0.1, 0.6],
+            elsewhere: 0.5,
+        };
+        // Deviations of the one albedo are where its errors are, those of the other are not.
+        let albedo = |found: [f32; 4]| {
+            let draw = Values {
+                found: found.into(),
+                deviation: vec![0.1, 0.2, 0.3, 0.4],
+            };
+            Spread::new("albedo", &[0.0; 4], vec![1.0; 4], &[&draw, &draw])
+        };
+        let (placed, misplaced) = (albedo([0.1, 0.2, 0.3, 0.4]), albedo([0.4, 0.3, 0.2, 0.1]));
+        let unknown = cause(false, [10.0, 90.0], &placed, &edges);
         assert!(unknown.contains("the cause was not found"), "{unknown}");
-        let short = why(&failed, true, [10.0, 90.0]);
+        let short = cause(true, [10.0, 90.0], &placed, &edges);
         assert!(short.contains("up to 90 may be"), "{short}");
-        let long = why(&failed, true, [10.0, 11.0]);
+        let long = cause(true, [10.0, 11.0], &placed, &edges);
         assert!(long.contains("the cause was not found"), "{long}");
+        let beside = cause(false, [10.0, 11.0], &misplaced, &edges);
+        assert!(beside.contains("beside rims and contacts"), "{beside}");
     }
 }

@@ -1,12 +1,13 @@
 //! What the paper says of trends along the sweeps, and everything in short.
 
 use super::{Curve, LAMPS, PERSON, ROUGHNESS, outcome};
-use crate::studies::evidence::listed;
+use crate::{report::text::number, studies::evidence::listed};
 
 /// A part of the claim beyond "better with somebody than with nobody": what is less at one end of a sweep than at the other, in every
 /// seed.
 pub(super) struct Trend {
-    what: &'static str,
+    /// In a few words.
+    name: &'static str,
     /// With its numbers.
     pub words: String,
     pub held: bool,
@@ -24,7 +25,7 @@ impl Trend {
     /// `gain` there must be some at its largest: that harm grows towards the other end shows none.
     fn new(
         curve: &Curve,
-        what: &'static str,
+        [name, what]: [&'static str; 2],
         of: fn(&[f64; 2]) -> f64,
         largest: Largest,
         gain: bool,
@@ -51,7 +52,7 @@ impl Trend {
         let values: Vec<f64> = curve.sweep.points.iter().map(|point| point.0).collect();
         let word = outcome(held);
         Some(Self {
-            what,
+            name,
             words: format!(
                 "{what}: {word} ({} at {}, means; from {} to {} at the ends, a seed each)",
                 listed(&means),
@@ -68,45 +69,85 @@ impl Trend {
         let find = |name: &str| curves.iter().find(|curve| curve.sweep.name == name);
         let taken_away = |[with, without]: &[f64; 2]| 1.0 - with / without;
         let size = find(PERSON).and_then(|curve| {
-            let what = "larger occluders lower the error of the light";
+            let what = [
+                "larger occluders are better",
+                "Larger occluders lower the error of the light",
+            ];
             Self::new(curve, what, |[with, _]| *with, Largest::First, false)
         });
         // Wide lamps are light of low frequency.
         let frequency = find(LAMPS).and_then(|curve| {
-            let what = "the share of the error that somebody in the light takes away grows with the light's frequency";
+            let what = [
+                "more gain at higher frequency",
+                "The share of the error that somebody in the light takes away grows with the light's frequency",
+            ];
             Self::new(curve, what, taken_away, Largest::First, true)
         });
         let roughness = find(ROUGHNESS).and_then(|curve| {
-            let what = "it grows with the object's roughness";
+            let what = [
+                "more gain on rougher objects",
+                "That share grows with the object's roughness",
+            ];
             Self::new(curve, what, taken_away, Largest::Last, true)
         });
         [size, frequency, roughness].into_iter().flatten().collect()
     }
 }
 
-/// What held and what did not, with the mean errors.
+/// What held, and with its mean errors what did not.
 pub(super) fn in_short(curves: &[Curve], trends: &[Trend]) -> String {
-    let of = |curve: &Curve| {
-        let values: Vec<f64> = curve.sweep.points.iter().map(|point| point.0).collect();
-        format!(
-            "{} {}: {} with somebody in the light, {} with nobody ({})",
-            curve.sweep.label,
-            listed(&values),
-            listed(&curve.means(0)),
-            listed(&curve.means(1)),
-            curve.outcome_and_why()
-        )
+    let counted = |what: &str, held: &[&str], all: usize| match all {
+        0 => None,
+        _ if held.is_empty() => Some(format!("0 of {all} {what} held")),
+        _ => Some(format!(
+            "{} of {all} {what} held ({})",
+            held.len(),
+            held.join(", ")
+        )),
     };
-    let trends = trends.iter().map(|trend| {
-        let why = match trend.held {
-            true => "",
-            false => ", the cause was not found",
-        };
-        format!("{}: {}{why}", trend.what, outcome(trend.held))
+    let helped = curves.iter().filter(|curve| curve.held());
+    let helped: Vec<&str> = helped.map(|curve| curve.sweep.name).collect();
+    let trended = trends.iter().filter(|trend| trend.held);
+    let trended: Vec<&str> = trended.map(|trend| trend.name).collect();
+    let counts = [
+        counted("sweeps", &helped, curves.len()),
+        counted("trends", &trended, trends.len()),
+    ];
+    let failed = curves.iter().filter(|curve| !curve.held()).map(failures);
+    let failed = failed.chain(
+        trends
+            .iter()
+            .filter(|trend| !trend.held)
+            .map(|trend| trend.name.to_owned()),
+    );
+    let failed: Vec<String> = failed.collect();
+    let but = match failed.is_empty() {
+        true => String::new(),
+        false => format!(
+            "; not so: {} (relative MSE of the light with somebody in it against nobody, means)",
+            failed.join("; ")
+        ),
+    };
+    let counts: Vec<String> = counts.into_iter().flatten().collect();
+    format!("{}{but}.", counts.join(", "))
+}
+
+/// Where somebody is no help.
+fn failures(curve: &Curve) -> String {
+    let helpless = curve.helpless();
+    let points = curve.sweep.points.iter().map(|point| point.0);
+    let means = curve.means(0).into_iter().zip(curve.means(1));
+    let failed = points
+        .zip(means)
+        .filter(|(value, _)| helpless.contains(value));
+    let failed = failed.map(|(value, (with, without))| {
+        format!(
+            "{} ({} against {})",
+            number(value),
+            number(with),
+            number(without)
+        )
     });
-    let parts: Vec<String> = curves.iter().map(of).chain(trends).collect();
-    format!(
-        "relative MSE of the light, means of seeds, by {}.",
-        parts.join("; ")
-    )
+    let failed: Vec<String> = failed.collect();
+    format!("{} at {}", curve.sweep.name, failed.join(", "))
 }

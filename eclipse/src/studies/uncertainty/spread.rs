@@ -5,7 +5,7 @@ use crate::{report::text::number, studies::ranks::rank_correlation};
 /// Errors are of the size of deviations when their ratio lies between this and one over it.
 pub(super) const HONEST: f64 = 0.5;
 /// Where deviations are large errors should be: least rank correlation over values.
-const CORRELATED: f64 = 0.4;
+pub(super) const CORRELATED: f64 = 0.4;
 
 /// Of a normal distribution 95 % lie within two deviations; so many must.
 const COVERED: f64 = 0.8;
@@ -18,6 +18,7 @@ pub(super) struct Values {
 }
 
 /// Per value of a quantity, over all draws.
+#[derive(Clone)]
 pub(super) struct Spread {
     /// What it is of.
     pub name: &'static str,
@@ -92,6 +93,29 @@ impl Spread {
     /// The spread of draws over deviations.
     pub(super) fn noise(&self) -> f64 {
         self.over_predicted(&self.between)
+    }
+
+    /// Which shares of what counts, and of its squared error, some values have.
+    pub(super) fn shares(&self, some: &[bool]) -> [f64; 2] {
+        let (mut those, mut all) = ([0.0; 2], [0.0; 2]);
+        for ((weight, error), some) in self.weight.iter().zip(&self.error).zip(some) {
+            for (i, value) in [*weight, weight * error * error].into_iter().enumerate() {
+                all[i] += value;
+                those[i] += if *some { value } else { 0.0 };
+            }
+        }
+        [0, 1].map(|i| those[i] / all[i])
+    }
+
+    /// The same without these values, but for how many errors lie within deviations.
+    pub(super) fn without(&self, these: &[bool]) -> Self {
+        let weights = self.weight.iter().zip(these);
+        Self {
+            weight: weights
+                .map(|(weight, out)| if *out { 0.0 } else { *weight })
+                .collect(),
+            ..self.clone()
+        }
     }
 
     /// Pairs of a positive deviation and `of`, of all values that count: where none is predicted there is nothing to rank.
@@ -234,6 +258,16 @@ mod tests {
             assert!(failures.contains(failure), "{failures}");
         }
         assert!(wild.words().starts_with("light: not held"));
+    }
+
+    #[test]
+    fn some_values_can_be_left_out() {
+        let found = spread([1.0, -1.0], [0.1, 0.2, 0.3, 0.4]);
+        let last = [false, false, false, true, true];
+        let [values, error] = found.shares(&last);
+        assert!((values - 0.25).abs() < 1e-12 && (error - 0.16 / 0.3).abs() < 1e-5);
+        let rest = found.without(&last);
+        assert_eq!(rest.pairs(&rest.error).len(), 3);
     }
 
     #[test]
