@@ -301,6 +301,11 @@ impl<'a> Bench<'a> {
         self.unusable.borrow().iter().cloned().collect()
     }
 
+    /// Notes that the caller's stop kept a study from a part of its work.
+    pub(super) fn note_cut(&self) {
+        self.lacks.borrow_mut().cut = true;
+    }
+
     /// What was lacking since the last call.
     pub(super) fn take_lacks(&self) -> Lacks {
         self.lacks.take()

@@ -8,7 +8,7 @@ use serde_json::json;
 
 use super::{
     Bench, Evidence, Study, StudyError, Verdict,
-    evidence::{Axis, Chart, Content, Figure, Series, not_so},
+    evidence::{Axis, Chart, Content, Figure, Series, but},
     flatland::{Flatland, Occluder, spread},
     spectrum::singular_values,
 };
@@ -164,36 +164,39 @@ fn evidence(flatland: Flatland) -> Result<Evidence, StudyError> {
         |count: &dyn Fn(&Row) -> f64| blocker.windows(2).all(|w| count(&w[1]) > count(&w[0]));
     // By what factor many occluders raise singular values beyond one: most at the end, as Fig. 3 has it.
     let places = [n / 4, n / 2, 7 * n / 8];
-    let raised = places.map(|at| many.values[at] / one.values[at].max(ZERO));
+    let raised = places.map(|at| raised(at, one, many));
     let most_at_the_end = raised.windows(2).all(|pair| pair[1] > pair[0]);
     let gain = |from, to| many.share(from, to) - one.share(from, to);
     let (middle, end) = (gain(0.25, 0.5), gain(0.75, 1.0));
     // What is to be said where a part does not hold, and whether it does.
     let parts = [
         (
-            "without occluders less is attenuated strongly",
+            "without occluders less is attenuated strongly (why was not found)",
             none.above(FLOORS[0]) < n / 20,
         ),
         (
-            "one occluder does not raise low frequencies, or middle ones as well",
+            "one occluder does not raise low frequencies, or middle ones as well (why was not found)",
             one.above(FLOORS[0]) > none.above(FLOORS[0]) && one.values[n / 2] < FLOORS[1],
         ),
         (
-            "more occluders do not raise more values",
+            "more occluders do not raise more values (why was not found)",
             grows(&|row| row.above(FLOORS[1]) as f64),
         ),
         (
-            "more occluders do not recover more of the highest frequencies",
+            "more occluders do not recover more of the highest frequencies (why was not found)",
             grows(&|row| row.highest()) && many.highest() > 5.0 * one.highest(),
         ),
-        ("values at the end are not raised most", most_at_the_end),
+        (
+            "values at the end are not raised most (why was not found)",
+            most_at_the_end,
+        ),
         (
             "of frequencies themselves, which an index of singular values is only without occluders, those in the middle gain more than the \
              highest (with occluders waves are no singular vectors, so that the two orders differ)",
             end > middle,
         ),
         (
-            "occluders at random places raise no more values than one does",
+            "occluders at random places raise no more values than one does (why was not found)",
             random.iter().all(|r| r.least > one.above(FLOORS[1])),
         ),
     ];
@@ -219,7 +222,7 @@ fn evidence(flatland: Flatland) -> Result<Evidence, StudyError> {
             number(100.0 * none.highest()),
             number(100.0 * one.highest()),
             number(100.0 * many.highest()),
-            not_so(&parts, "")
+            but(&parts)
         ),
         numbers: json!({
             "blocker": table(&blocker),
@@ -238,18 +241,11 @@ fn evidence(flatland: Flatland) -> Result<Evidence, StudyError> {
         ],
         details: vec![
             format!(
-                "Above 1/100 of the largest are {}; the smallest is {} of it with one occluder and {} with 32. 32 occluders raise the \
-                 values {} of {n} by {} beyond one.",
+                "Above 1/100 of the largest are {}; the smallest is {} with one occluder and {} with 32, as a share of the largest. {}.",
                 counts(0),
                 in_words(one.smallest()),
                 in_words(many.smallest()),
-                places.map(|at| at.to_string()).join(", "),
-                [0, 1, 2]
-                    .map(|k| match one.values[places[k]] < ZERO {
-                        true => "from zero".to_owned(),
-                        false => number(raised[k]),
-                    })
-                    .join(", "),
+                raised_in_words(places, one, many),
             ),
             format!(
                 "In shares of a frequency's variance at a noise of 0.3 %, what 32 occluders add to one: {} % of the second quarter, {} % of \
@@ -259,10 +255,10 @@ fn evidence(flatland: Flatland) -> Result<Evidence, StudyError> {
                 number(100.0 * end),
                 LOW.start,
                 LOW.end - 1,
-                number(100.0 * one.low(true)),
-                number(100.0 * none.low(true)),
-                number(100.0 * one.low(false)),
-                number(100.0 * none.low(false)),
+                percent(one.low(true)),
+                percent(none.low(true)),
+                percent(one.low(false)),
+                percent(none.low(false)),
             ),
         ],
         notes: vec![
@@ -284,6 +280,34 @@ fn evidence(flatland: Flatland) -> Result<Evidence, StudyError> {
             "Occluders at random places (three seeds) stand for people who do not walk in even steps.".into(),
         ],
     })
+}
+
+/// By what factor many occluders raise a singular value beyond one.
+fn raised(at: usize, one: &Row, many: &Row) -> f64 {
+    many.values[at] / one.values[at].max(ZERO)
+}
+
+/// The same of some, for people: from zero there is no factor.
+fn raised_in_words(places: [usize; 3], one: &Row, many: &Row) -> String {
+    let words = places.map(|at| match one.values[at] < ZERO {
+        true => format!(
+            "number {at}, which is zero with one, is {} with 32",
+            in_words(many.values[at])
+        ),
+        false => format!(
+            "number {at} is {} times as large with 32 as with one",
+            number(raised(at, one, many))
+        ),
+    });
+    format!("Of singular values, {}", words.join(", "))
+}
+
+/// Of a share that may be zero but for round-off.
+fn percent(share: f64) -> String {
+    match share.abs() < ZERO.sqrt() {
+        true => "0".to_owned(),
+        false => number(100.0 * share),
+    }
 }
 
 /// A share of the largest singular value.
@@ -415,6 +439,25 @@ mod tests {
         assert!(none[1] > 0.9 && none[2] > 0.9, "{none:?}");
         assert!(none[3].abs() < 1e-9 && none[5].abs() < 1e-9);
         assert!(many[3] > 0.9 && many[5] > 0.9, "{many:?}");
+    }
+
+    #[test]
+    fn one_occluder_gives_odd_low_frequencies_for_even_ones() {
+        let [none, one] = [0, 1].map(|n| Row::new(&SMALL, n).unwrap());
+        assert!(none.low(true).abs() < 1e-6 && one.low(true) > 0.1);
+        assert!(one.low(false) < none.low(false));
+        assert_eq!(percent(none.low(true)), "0");
+    }
+
+    #[test]
+    fn from_zero_there_is_no_factor() {
+        let [one, many] = [1, 32].map(|n| Row::new(&SMALL, n).unwrap());
+        let told = raised_in_words([8, 32, 112], &one, &many);
+        assert!(
+            told.contains("number 112, which is zero with one"),
+            "{told}"
+        );
+        assert!(told.contains("number 8 is 1"), "{told}");
     }
 
     #[test]

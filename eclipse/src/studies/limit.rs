@@ -243,7 +243,7 @@ fn in_short(studied: &[Studied]) -> String {
     format!(
         "the best linear estimate of light without a prior, which does not bound a reconstruction, leaves an RMS error of {} of the light's \
          deviation where somebody stands at a known place in it, {} where nobody does, the albedo being unknown; {} and {} were it known (\
-         {HELPS} of the error without anybody counts as help; {}){}.",
+         less than {HELPS} of the error without anybody counts as help; {}){}.",
         percent(true, false),
         percent(false, false),
         percent(true, true),

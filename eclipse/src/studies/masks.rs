@@ -8,7 +8,7 @@ use serde_json::{Map, Value, json};
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
-    evidence::{Axis, Chart, Content, Figure, Picture, Series, Tone, listed, seeds},
+    evidence::{Axis, Chart, Content, Figure, Picture, Series, Tone, listed},
     ranks::rank_correlation,
     trial::{Solved, Trial},
 };
@@ -45,15 +45,12 @@ impl Study for Masks {
             &cases,
             |(trial, _)| &trial.name,
             |&(trial, free)| {
-                bench.each(bench.seeds(), |seed| match free {
-                    true => {
-                        let solved = bench.solve_anywhere(trial, seed)?;
-                        Ok(Row::new(trial, &solved, true))
-                    }
-                    false => {
-                        let solved = bench.solve(trial, true, seed)?;
-                        Ok(Row::new(trial, &solved, false))
-                    }
+                bench.each(bench.seeds(), |seed| {
+                    let solved = match free {
+                        true => bench.solve_anywhere(trial, seed)?,
+                        false => bench.solve(trial, true, seed)?,
+                    };
+                    Ok(Row::new(trial, &solved, free))
                 })
             },
         )?;
@@ -71,7 +68,8 @@ struct Row {
     name: String,
     /// Whether masks were free in every direction.
     free: bool,
-    trial: Rc<Trial>,
+    /// The true light.
+    light: Image,
     /// `[light, mean error]` of directions that were blocked, over the photographs in which they were.
     points: Vec<[f64; 2]>,
     /// Mean error over all photographs, all directions.
@@ -141,12 +139,17 @@ impl Row {
             turned,
             everywhere: rank_correlation(&all),
             missed: [0, 1].map(|i| missed[i] / total[i]),
-            trial: Rc::clone(trial),
+            light: trial.light.clone(),
             name: format!("{}{}", trial.name, if free { FREE } else { "" }),
             free,
             points,
             map,
         }
+    }
+
+    /// Whether the correlation is strong, and no chance; one that is no number is none.
+    fn held(&self) -> bool {
+        self.blocked < STRONG && self.turned < CHANCE
     }
 }
 
@@ -161,13 +164,18 @@ fn turned(width: usize, as_good: impl Fn(usize) -> bool) -> f64 {
     (1 + found) as f64 / (1 + all) as f64
 }
 
-fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
-    let held = |row: &Row| row.blocked < STRONG && row.turned < CHANCE;
+/// Of every capture whether it held, by its worst seed.
+fn parts(rows: &[Row]) -> Vec<bool> {
     let mut names: Vec<&str> = rows.iter().map(|row| row.name.as_str()).collect();
     names.dedup();
-    // By the worst seed.
-    let of_capture = |name: &&str| rows.iter().filter(|row| row.name == *name).all(held);
-    let parts: Vec<bool> = names.iter().map(of_capture).collect();
+    let of_capture = |name: &&str| rows.iter().filter(|row| row.name == *name).all(Row::held);
+    names.iter().map(of_capture).collect()
+}
+
+fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
+    let mut names: Vec<&str> = rows.iter().map(|row| row.name.as_str()).collect();
+    names.dedup();
+    let parts = parts(rows);
     let of = |name: &str, value: &dyn Fn(&Row) -> f64| -> String {
         let values = rows.iter().filter(|row| row.name == name);
         let values: Vec<String> = values.map(|row| number(value(row))).collect();
@@ -188,13 +196,9 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
         )
     });
     let details = details.collect();
-    // A correlation that is no number is none.
-    let strong = |row: &Row| row.blocked < STRONG;
-    let weak = !rows.iter().all(strong);
-    let chance = rows.iter().any(|row| row.turned >= CHANCE);
-    let free = rows.iter().filter(|row| row.free);
-    let free: Vec<(bool, f64)> = free.map(|row| (held(row), row.missed[0])).collect();
-    let why = why(weak, chance, &free);
+    let (free, of_figure): (Vec<&Row>, Vec<&Row>) = rows.iter().partition(|row| row.free);
+    let free: Vec<(bool, f64)> = free.iter().map(|row| (row.held(), row.missed[0])).collect();
+    let why = why(of_figure.iter().all(|row| row.held()), &free);
     let numbers: Map<String, Value> = names
         .iter()
         .map(|name| {
@@ -238,32 +242,32 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
     }
 }
 
-/// What was measured that bears on where the claim did not hold: correlations that are `weak`, or that turned light has as well, and
-/// whether it held for each seed of `free` masks, which missed such a share of the blocked solid angle.
-fn why(weak: bool, chance: bool, free: &[(bool, f64)]) -> String {
-    let weak = weak.then(|| format!("some are weaker than {STRONG}"));
-    let chance = chance.then(|| "some may be chance".to_owned());
-    let all: Vec<String> = weak.into_iter().chain(chance).collect();
-    match all.is_empty() {
-        true => String::new(),
-        false => format!(
-            "; {}; masks are one silhouette that moves with the camera, where the paper's are free in every direction: {}",
-            all.join(", "),
-            match free {
-                [] => "such masks were not tested".to_owned(),
-                all => {
-                    let held = all.iter().filter(|(held, _)| *held).count();
-                    let missed: Vec<f64> = all.iter().map(|(_, missed)| *missed).collect();
-                    format!(
-                        "with such masks ({}), which miss {} of the blocked solid angle, it held in {held} of {}",
-                        &FREE[1..],
-                        listed(&missed),
-                        seeds(all.len() as u64)
-                    )
-                }
-            }
-        ),
-    }
+/// What was measured that bears on where the claim did not hold: for masks of one figure it `held`, and for each seed of `free` ones it
+/// did or not, which missed such a share of the blocked solid angle.
+fn why(held: bool, free: &[(bool, f64)]) -> String {
+    let figure = match held {
+        true => "",
+        false => {
+            "; masks are one silhouette that moves with the camera, where the paper's are free in every direction"
+        }
+    };
+    let all = free.iter().all(|(held, _)| *held);
+    let free = match free {
+        [] if held => String::new(),
+        [] => ", which was not tested".to_owned(),
+        _ if held && all => String::new(),
+        free => {
+            let holds = free.iter().filter(|(held, _)| *held).count();
+            let missed: Vec<f64> = free.iter().map(|(_, missed)| *missed).collect();
+            format!(
+                "; of free ones ({}), which miss {} of the blocked solid angle, {holds} of {} are below {STRONG} and beyond chance",
+                &FREE[1..],
+                listed(&missed),
+                free.len()
+            )
+        }
+    };
+    figure.to_owned() + &free
 }
 
 fn figures(rows: &[Row]) -> Vec<Figure> {
@@ -299,13 +303,12 @@ fn figures(rows: &[Row]) -> Vec<Figure> {
         let grey = Image {
             channels: 1,
             data: row
-                .trial
                 .light
                 .data
                 .chunks_exact(3)
                 .map(|p| (p.iter().sum::<f32>() / 3.0).max(1e-3).log10())
                 .collect(),
-            ..row.trial.light
+            ..row.light
         };
         let heat = |label: &str, values: &Image, [low, high]: [f32; 2]| Picture {
             label: label.into(),
@@ -339,19 +342,50 @@ mod tests {
 
     #[test]
     fn reasons_are_those_that_were_measured() {
-        assert_eq!(why(false, false, &[(true, 0.7)]), "");
-        let with = |free: &[(bool, f64)]| why(true, false, free);
-        assert!(with(&[]).contains("weaker") && !with(&[]).contains("chance"));
-        let chance = why(false, true, &[]);
-        assert!(chance.contains("chance") && !chance.contains("weaker"));
-        assert!(with(&[]).ends_with("were not tested"));
-        let some = with(&[(true, 0.7), (false, 0.6)]);
+        let all = [(true, 0.7), (true, 0.6)];
+        assert_eq!(why(true, &all), "");
+        assert_eq!(why(true, &[]), "");
+        assert!(why(false, &[]).ends_with("which was not tested"));
+        let told = why(false, &all);
         assert!(
-            some.ends_with(
-                "which miss 0.7, 0.6 of the blocked solid angle, it held in 1 of 2 seeds"
-            ),
-            "{some}"
+            told.contains("one silhouette") && told.contains("2 of 2 are below"),
+            "{told}"
         );
+        // Where only free ones fail nothing is said of the others.
+        let free = why(true, &[(true, 0.7), (false, 0.6)]);
+        assert!(
+            free.contains("miss 0.7, 0.6 of the blocked solid angle, 1 of 2")
+                && !free.contains("silhouette"),
+            "{free}"
+        );
+    }
+
+    #[test]
+    fn a_capture_counts_by_its_worst_seed() {
+        let row = |name: &str, blocked: f64, turned: f64| Row {
+            name: name.into(),
+            free: false,
+            light: Image::filled(2, 1, 3, 1.0),
+            points: Vec::new(),
+            map: Image::filled(2, 1, 1, 0.0),
+            blocked,
+            turned,
+            everywhere: 0.0,
+            missed: [0.0; 2],
+        };
+        let strong = || row("a", -0.6, 0.01);
+        assert_eq!(
+            parts(&[strong(), strong(), row("b", -0.7, 0.0)]),
+            [true, true]
+        );
+        let weak = [
+            row("a", -0.4, 0.01),
+            row("a", -0.6, 0.2),
+            row("a", f64::NAN, 0.0),
+        ];
+        for other in weak {
+            assert_eq!(parts(&[strong(), other]), [false]);
+        }
     }
 
     #[test]

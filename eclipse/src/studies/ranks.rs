@@ -1,7 +1,12 @@
 //! How two quantities rise together, however their relation bends.
 
 /// Spearman's correlation: of ranks, equal values sharing their mean rank.
+///
+/// No number where any value is none.
 pub(super) fn rank_correlation(points: &[[f64; 2]]) -> f64 {
+    if points.iter().flatten().any(|value| value.is_nan()) {
+        return f64::NAN;
+    }
     let ranks = [0, 1].map(|axis| {
         let mut order: Vec<usize> = (0..points.len()).collect();
         order.sort_by(|&a, &b| points[a][axis].total_cmp(&points[b][axis]));
@@ -43,5 +48,10 @@ mod tests {
         // Known by hand: ranks 0 1 2 3 against 1 0 3 2.
         let mixed = [[1.0, 2.0], [2.0, 1.0], [3.0, 4.0], [4.0, 3.0]];
         assert!((rank_correlation(&mixed) - 0.6).abs() < 1e-12);
+    }
+    #[test]
+    fn what_is_no_number_has_no_rank() {
+        let broken = [[1.0, 2.0], [f64::NAN, 1.0], [3.0, f64::NAN]];
+        assert!(rank_correlation(&broken).is_nan());
     }
 }

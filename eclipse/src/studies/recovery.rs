@@ -227,7 +227,7 @@ impl Row {
                 "Light, scaled to the truth, with its relative RMSE, first seed; the third is shown brighter, as it would be dim.{}",
                 match with.found.occluders.is_empty() {
                     true =>
-                        " No occluder was kept: the first two differ by what the search for one left of the time, if at all.",
+                        " No occluder was kept: the first two are of one model, after different steps.",
                     false => "",
                 }
             ),
@@ -336,7 +336,7 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Result<Evidence, StudyError> {
         let listed: Vec<String> = clear.iter().map(|row| row.sentence()).collect();
         details.extend(clear.iter().map(|row| row.detail()));
         details.push(format!(
-            "By the object's own shadows alone, nobody in the light: {}.",
+            "With nobody in the light, where the object's own shadows are all there is, the same numbers: {}.",
             listed.join("; ")
         ));
         let misled: Vec<&str> = clear
@@ -346,8 +346,7 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Result<Evidence, StudyError> {
             .collect();
         if !misled.is_empty() {
             details.push(format!(
-                "Where nobody is in the light, to look for somebody makes the light worse in every seed on {}: it takes time from all else, or \
-                 finds one where that is kept.",
+                "Where nobody is in the light, to look for somebody makes the light worse in every seed on {}.",
                 misled.join(", ")
             ));
         }

@@ -8,7 +8,7 @@ use serde_json::{Map, Value, json};
 
 use super::{
     Bench, Evidence, Study, StudyError, Verdict,
-    evidence::{Axis, Chart, Content, Figure, Picture, Series, Tone, not_so},
+    evidence::{Axis, Chart, Content, Figure, Picture, Series, Tone, but},
     flatland::{Flatland, spread},
     spectrum::{fourier, magnitude, wave_row},
 };
@@ -163,7 +163,7 @@ impl Spectrum {
     /// What is to be said where it is not, and why: a row is the light's spectrum.
     fn elsewhere(&self) -> String {
         format!(
-            "for a = {} at {} {} to {} is there, as the spectrum of such light has the rest at all other frequencies",
+            "for a = {} at {} {} to {} lies around the diagonal, as the spectrum of such light has the rest at all other frequencies",
             self.exponent,
             self.contrast.words(),
             number(self.around[0]),
@@ -227,15 +227,15 @@ fn evidence() -> Evidence {
     let circulant: Vec<f64> = grams.iter().map(circulant_error).collect();
     let mut parts = vec![
         (
-            "some row does not peak on the diagonal".to_owned(),
+            "some row does not peak on the diagonal (why was not found)".to_owned(),
             spectra.iter().all(|s| s.peak_on_diagonal),
         ),
         (
-            "blocks do not shrink as observations are added".to_owned(),
+            "blocks do not shrink as observations are added (why was not found)".to_owned(),
             blocks.windows(2).all(|w| w[1] < w[0]),
         ),
         (
-            "AᵀA does not come near a circulant matrix".to_owned(),
+            "AᵀA does not come near a circulant matrix (why was not found)".to_owned(),
             circulant.windows(2).all(|w| w[1] < w[0]) && circulant[circulant.len() - 1] < 0.02,
         ),
     ];
@@ -255,18 +255,18 @@ fn evidence() -> Evidence {
                 approaches a circulant matrix.",
         verdict: Verdict::of(&held),
         sentence: format!(
-            "{} of a row's energy or more lies around the diagonal for 1/f^a spectra (a = 0.1, 1, 10) of low contrast, {} for such of high \
+            "{} of a row's energy or more lies around the diagonal for 1/f^a spectra (a = 0.1, 1, 10) of low contrast, {} for those of high \
              contrast; AᵀA comes within {} of a circulant matrix at 32 observations, from {} at one.{}",
             around(Contrast::Low),
             around(Contrast::High),
             number(circulant[circulant.len() - 1]),
             number(circulant[0]),
-            not_so(&parts, "")
+            but(&parts)
         ),
         numbers: numbers(&spectra, &blocks, &circulant),
         figures: figures(&grams),
         details: vec![format!(
-            "Shares are of rows 32 and 64, within {AROUND} of the diagonal; each row peaks on it. The blocks of AᵀA have {} of {SHOWN} samples \
+            "Shares are of rows 32 and 64, within {AROUND} of the diagonal. The blocks of AᵀA have {} of {SHOWN} samples \
              for 1, 2, 8, 32 observations.",
             list(blocks.iter().map(usize::to_string).collect()),
         )],
@@ -306,11 +306,10 @@ fn figures(grams: &[DMatrix<f64>]) -> Vec<Figure> {
     let flatland = Flatland::PAPER;
     let half = flatland.samples / 2;
     let lights = EXPONENTS.map(|a| light(flatland.samples, a, SEEDS.start, Contrast::Low));
-    let label = |a: f64| format!("a = {a}");
     let spectra = EXPONENTS.iter().zip(&lights).map(|(&a, light)| {
         let spectrum = fourier(light);
         let points = (1..half).map(|k| [k as f64, magnitude(spectrum[k]) / magnitude(spectrum[1])]);
-        Series::line(label(a), points.collect())
+        Series::line(format!("a = {a}"), points.collect())
     });
     let mut figures = vec![Figure {
         name: "light-spectra".into(),

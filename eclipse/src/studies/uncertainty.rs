@@ -8,12 +8,12 @@ use serde_json::{Map, Value, json};
 
 use self::{
     edges::Edges,
-    spread::{HONEST, Spread, Values},
+    spread::{Failure, Kind, Spread, Values},
 };
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
-    evidence::{Axis, Chart, Content, Figure, Picture, Series, Tone, listed},
+    evidence::{Axis, Chart, Content, Figure, Picture, Series, Tone, but, listed},
     small::{Setup, settings, steps},
     trial::{Solved, Trial},
 };
@@ -25,6 +25,8 @@ const DRAWS: [u64; 3] = [2, 5, 12];
 const UNFINISHED: f64 = 1.5;
 /// Where masks truly block less, and deviate by less in every draw, they are not compared.
 const DOUBT: f32 = 0.01;
+/// The quantity whose errors are looked at beside rims as well.
+const ALBEDO: &str = "albedo";
 /// Most dots of a figure.
 const DOTS: usize = 2000;
 
@@ -175,7 +177,7 @@ impl Quantity {
                 shown: "the map of light",
             },
             Self {
-                spread: Spread::new("albedo", &albedo, object.collect(), &of(|d| &d.albedo)),
+                spread: Spread::new(ALBEDO, &albedo, object.collect(), &of(|d| &d.albedo)),
                 shape: frame,
                 shown: "the first photograph's albedo",
             },
@@ -204,8 +206,9 @@ fn evidence(
     let spreads = || quantities.iter().map(|quantity| &quantity.spread);
     let parts: Vec<bool> = spreads().flat_map(Spread::parts).collect();
     let words: Vec<String> = spreads().map(Spread::words).collect();
-    let failures: Vec<String> = spreads().flat_map(Spread::failures).collect();
-    let smaller = spreads().any(|spread| spread.size() < HONEST);
+    let failures: Vec<(&str, Failure)> = spreads()
+        .flat_map(|spread| spread.failures().into_iter().map(|f| (spread.name, f)))
+        .collect();
     let setup = Setup::of(bench.scale);
     Evidence {
         name: "uncertainty",
@@ -221,7 +224,7 @@ fn evidence(
             listed(&spreads().map(Spread::size).collect::<Vec<_>>()),
             draws.len(),
             listed(&spreads().map(|s| 100.0 * s.within[1]).collect::<Vec<_>>()),
-            why(&failures, cause(smaller, known, &quantities[1].spread, edges))
+            why(&failures, known, edges)
         ),
         numbers: numbers(spreads(), draws.len(), cost, known, edges),
         figures: quantities.iter().flat_map(figures).collect(),
@@ -280,6 +283,10 @@ fn numbers<'a>(
         json!(edges.shares[1]),
     );
     numbers.insert(
+        "albedo_rank_correlation_if_drawn".into(),
+        json!(edges.drawn),
+    );
+    numbers.insert(
         "albedo_rank_correlation_of_error_elsewhere".into(),
         json!(edges.elsewhere),
     );
@@ -297,32 +304,30 @@ fn listed_names<'a>(spreads: impl Iterator<Item = &'a Spread>) -> String {
         .join(", ")
 }
 
-/// What failed, and why.
-fn why(failures: &[String], cause: String) -> String {
-    match failures.is_empty() {
-        true => String::new(),
-        false => format!(" Not so: {}; {cause}.", failures.join(", ")),
-    }
+/// What failed of which quantity, each with what was measured that explains it.
+fn why(failures: &[(&str, Failure)], known: [f64; 2], edges: &Edges) -> String {
+    let parts = failures.iter().map(|(name, failure)| {
+        format!(
+            "{} ({})",
+            failure.words,
+            cause(name, failure.kind, known, edges)
+        )
+    });
+    let parts: Vec<(String, bool)> = parts.map(|words| (words, false)).collect();
+    but(&parts)
 }
 
-/// What was measured that explains a failure; `smaller` where errors of something are less than half of what was predicted.
-fn cause(smaller: bool, known: [f64; 2], albedo: &Spread, edges: &Edges) -> String {
-    // A short solve counts what it had no time to find as unknown.
-    let unfinished = smaller && known[1] > UNFINISHED * known[0];
-    let unfinished = unfinished.then(|| {
-        format!(
+fn cause(name: &str, kind: Kind, known: [f64; 2], edges: &Edges) -> String {
+    match kind {
+        // A short solve counts what it had no time to find as unknown.
+        Kind::Small if known[1] > UNFINISHED * known[0] => format!(
             "deviations are too large where a solve had no time to find what is known: {} numbers were, up to {} may be",
             number(known[0]),
             number(known[1])
-        )
-    });
-    let misplaced = !albedo.parts()[2];
-    let misplaced = misplaced.then(|| edges.why());
-    let causes: Vec<String> = unfinished.into_iter().chain(misplaced).collect();
-    match causes.is_empty() {
-        true => "the cause was not found; deviations know nothing of what the model leaves out"
+        ),
+        Kind::Misplaced if name == ALBEDO => edges.why(),
+        _ => "the cause was not found; deviations know nothing of what the model leaves out"
             .to_owned(),
-        false => causes.join("; "),
     }
 }
 
@@ -395,35 +400,34 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reasons_follow_what_was_measured() {
-        assert_eq!(why(&[], "it rained".into()), "");
-        let failed = ["errors of the masks are less than half of what was predicted".to_owned()];
-        let told = why(&failed, "it rained".into());
-        assert!(
-            told.contains("Not so: errors of the masks") && told.ends_with("it rained."),
-            "{told}"
-        );
-
+    fn each_failure_is_told_with_its_own_cause() {
         let edges = Edges {
             shares: [0.1, 0.6],
             elsewhere: 0.5,
+            drawn: 0.2,
         };
-        // Deviations of the one albedo are where its errors are, those of the other are not.
-        let albedo = |found: [f32; 4]| {
-            let draw = Values {
-                found: found.into(),
-                deviation: vec![0.1, 0.2, 0.3, 0.4],
-            };
-            Spread::new("albedo", &[0.0; 4], vec![1.0; 4], &[&draw, &draw])
+        let told = |failures: &[(&'static str, Kind)], known| {
+            let failures = failures.iter().map(|&(name, kind)| {
+                let words = format!("errors of the {name} are wrong");
+                (name, Failure { kind, words })
+            });
+            why(&failures.collect::<Vec<_>>(), known, &edges)
         };
-        let (placed, misplaced) = (albedo([0.1, 0.2, 0.3, 0.4]), albedo([0.4, 0.3, 0.2, 0.1]));
-        let unknown = cause(false, [10.0, 90.0], &placed, &edges);
-        assert!(unknown.contains("the cause was not found"), "{unknown}");
-        let short = cause(true, [10.0, 90.0], &placed, &edges);
-        assert!(short.contains("up to 90 may be"), "{short}");
-        let long = cause(true, [10.0, 11.0], &placed, &edges);
+        assert_eq!(told(&[], [10.0, 90.0]), "");
+        let short = told(&[("masks", Kind::Small)], [10.0, 90.0]);
+        assert!(
+            short.starts_with(" But errors of the masks are wrong (")
+                && short.contains("up to 90 may be"),
+            "{short}"
+        );
+        let long = told(&[("masks", Kind::Small)], [10.0, 11.0]);
         assert!(long.contains("the cause was not found"), "{long}");
-        let beside = cause(false, [10.0, 11.0], &misplaced, &edges);
-        assert!(beside.contains("beside rims and contacts"), "{beside}");
+        let two = told(
+            &[(ALBEDO, Kind::Misplaced), ("light", Kind::Misplaced)],
+            [10.0, 90.0],
+        );
+        let (albedo, light) = two.split_once("; errors of the light").unwrap();
+        assert!(albedo.contains("beside rims and contacts"), "{two}");
+        assert!(light.contains("the cause was not found"), "{two}");
     }
 }

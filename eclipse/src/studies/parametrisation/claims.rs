@@ -22,7 +22,8 @@ pub(super) struct Claim {
     parts: Vec<Part>,
 }
 
-/// What a claim is of: masks that tell no more than none cannot show which masks are better.
+/// What a claim is of: that masks which tell no more than none are better than others shows nothing of how masks should be
+/// parametrised.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Of {
     Light,
@@ -64,7 +65,7 @@ pub(super) fn claims(rows: &[Row]) -> Vec<Claim> {
             Variant::Ratio(0.5),
         ),
         claim(
-            "masks that start near one are better than such that start at one half",
+            "masks that start near one are better than those that start at one half",
             Of::Masks,
             &[first],
             Variant::Bias(0.0),
@@ -103,7 +104,7 @@ impl Claim {
         self.parts.iter().map(|part| part.held)
     }
 
-    /// What is claimed, and whether and on how many objects it held.
+    /// What is claimed, whether and on how many objects it held, and on how many it was not tested.
     pub(super) fn in_short(&self) -> String {
         format!("{}: {}", self.what, self.count())
     }
@@ -111,13 +112,18 @@ impl Claim {
     fn count(&self) -> String {
         let all = self.held().count();
         let held = self.held().filter(|&held| held).count();
-        match (held, all) {
-            (_, 0) => "not tested".to_owned(),
+        let parts = self.parts.len();
+        let mut words = match (held, parts) {
+            _ if all == 0 => return "not tested".to_owned(),
             (1, 1) => "held".to_owned(),
             (0, 1) => "not held".to_owned(),
-            _ if held == all => format!("held on all {all} objects"),
-            _ => format!("held on {held} of {all} objects"),
+            _ if held == parts => format!("held on all {parts} objects"),
+            _ => format!("held on {held} of {parts} objects"),
+        };
+        if all < parts {
+            words += &format!(", not tested on {}", parts - all);
         }
+        words
     }
 
     /// What is claimed, where it held, and why it did not elsewhere.
@@ -146,13 +152,15 @@ impl Claim {
 impl Part {
     /// Masks that are no better than none can keep a claim on masks from holding, and cannot make it hold.
     fn new(full: &Row, of: Of, held: bool) -> Self {
-        let blind = full.mean(|s| s.masks) >= 1.0;
-        let (held, why) = match held {
-            _ if !reached_something(full) => (None, "the full model was cut short"),
-            true if blind && of == Of::Masks => (None, BLIND),
-            true => (Some(true), ""),
-            false if blind => (Some(false), BLIND),
-            false => (Some(false), "the cause was not found"),
+        // An error that is no number is none of a mask that tells anything.
+        let sees = full.mean(|s| s.masks) < 1.0;
+        let blind = of == Of::Masks && !sees;
+        let (held, why) = match (short(full), held) {
+            (Some(short), _) => (None, short.words()),
+            (None, true) if blind => (None, BLIND),
+            (None, true) => (Some(true), ""),
+            (None, false) if blind => (Some(false), BLIND),
+            (None, false) => (Some(false), "the cause was not found"),
         };
         Self {
             object: full.object,
@@ -162,15 +170,41 @@ impl Part {
     }
 }
 
-/// Whether a full model came far enough for others to be compared with it: to the noise, and further than the best constant map.
-fn reached_something(full: &Row) -> bool {
-    full.light() < full.mean(|s| s.constant) && full.mean(|s| s.misfit) <= CUT_SHORT
+/// Why a full model did not come far enough for others to be compared with it.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Short {
+    /// Not to the noise.
+    Cut,
+    /// Not further than the best constant map.
+    Constant,
+}
+
+impl Short {
+    fn words(self) -> &'static str {
+        match self {
+            Self::Cut => "the full model was cut short",
+            Self::Constant => "the full model's light is no better than the best constant map",
+        }
+    }
+}
+
+/// What it is of a full model, if it is so.
+fn short(full: &Row) -> Option<Short> {
+    let (explained, found) = (
+        full.mean(|s| s.misfit) <= CUT_SHORT,
+        full.light() < full.mean(|s| s.constant),
+    );
+    match (explained, found) {
+        (true, true) => None,
+        (false, _) => Some(Short::Cut),
+        (true, false) => Some(Short::Constant),
+    }
 }
 
 /// What keeps claims from being tested: full models that were cut short; nothing where none was.
 pub(super) fn untested(rows: &[Row]) -> Option<String> {
     let full = rows.iter().filter(|row| row.variant == Variant::Full);
-    let short: Vec<&Row> = full.filter(|row| !reached_something(row)).collect();
+    let short: Vec<&Row> = full.filter(|row| short(row) == Some(Short::Cut)).collect();
     let objects: Vec<&str> = short.iter().map(|row| row.object.name()).collect();
     let misfits: Vec<f64> = short.iter().map(|row| row.mean(|s| s.misfit)).collect();
     let [low, high] = range(&misfits).map(number);
@@ -269,15 +303,11 @@ mod tests {
         let words = claim.words();
         assert!(
             words.contains(
-                "held on all 3 objects (not tested on the wreath: the full model was cut short)"
+                "held on 3 of 4 objects, not tested on 1 (not tested on the wreath: the full model's light is no better than the best constant map)"
             ),
             "{words}"
         );
-        assert!(
-            untested(&rows)
-                .unwrap()
-                .contains("on the wreath the full model")
-        );
+        assert_eq!(untested(&rows), None);
         // Nor does one that was cut short.
         for row in &mut rows {
             row.scores.iter_mut().for_each(|s| s.misfit = 30.0);
@@ -285,6 +315,12 @@ mod tests {
         let claim = &claims(&rows)[0];
         assert_eq!(claim.held().count(), 0);
         assert!(claim.in_short().ends_with("not tested"));
+        assert!(
+            claim
+                .words()
+                .contains("not tested on the balls: the full model was cut short")
+        );
+        assert!(untested(&rows).unwrap().contains("ends with 30 times"));
     }
 
     #[test]
@@ -308,6 +344,10 @@ mod tests {
         );
         // Light may be better all the same.
         assert_eq!(found[1].outcomes().collect::<Vec<_>>(), [Some(true); 4]);
+        for row in rows.iter_mut().filter(|row| row.variant == Variant::Full) {
+            row.scores.iter_mut().for_each(|s| s.masks = f64::NAN);
+        }
+        assert_eq!(claims(&rows)[0].outcomes().next(), Some(None));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! What the paper says of trends along the sweeps, and everything in short.
 
-use super::{Curve, LAMPS, PERSON, ROUGHNESS, outcome};
+use super::{Curve, LAMPS, PERSON, ROUGHNESS, no_help, outcome};
 use crate::{report::text::number, studies::evidence::listed};
 
 /// A part of the claim beyond "better with somebody than with nobody": what is less at one end of a sweep than at the other, in every
@@ -78,14 +78,14 @@ impl Trend {
         // Wide lamps are light of low frequency.
         let frequency = find(LAMPS).and_then(|curve| {
             let what = [
-                "more gain at higher frequency",
+                "more is gained at higher frequency",
                 "The share of the error that somebody in the light takes away grows with the light's frequency",
             ];
             Self::new(curve, what, taken_away, Largest::First, true)
         });
         let roughness = find(ROUGHNESS).and_then(|curve| {
             let what = [
-                "more gain on rougher objects",
+                "more is gained on rougher objects",
                 "That share grows with the object's roughness",
             ];
             Self::new(curve, what, taken_away, Largest::Last, true)
@@ -114,39 +114,42 @@ pub(super) fn in_short(curves: &[Curve], trends: &[Trend]) -> String {
         counted("trends", &trended, trends.len()),
     ];
     let failed = curves.iter().filter(|curve| !curve.held()).map(failures);
-    let failed = failed.chain(
-        trends
-            .iter()
-            .filter(|trend| !trend.held)
-            .map(|trend| trend.name.to_owned()),
-    );
     let failed: Vec<String> = failed.collect();
-    let but = match failed.is_empty() {
+    let helpless = match failed.is_empty() {
         true => String::new(),
         false => format!(
-            "; not so: {} (relative MSE of the light with somebody in it against nobody, means)",
+            " Somebody in the light is no help over {} (relative MSE of the light with somebody against nobody, means).",
             failed.join("; ")
         ),
     };
+    let untrue = trends.iter().filter(|trend| !trend.held);
+    let untrue: Vec<&str> = untrue.map(|trend| trend.name).collect();
+    let untrue = match untrue.is_empty() {
+        true => String::new(),
+        false => format!(
+            " It is not so that {} (why was not found).",
+            untrue.join(", nor that ")
+        ),
+    };
     let counts: Vec<String> = counts.into_iter().flatten().collect();
-    format!("{}{but}.", counts.join(", "))
+    format!("{}.{helpless}{untrue}", counts.join(", "))
 }
 
-/// Where somebody is no help.
+/// Where somebody is no help, and in how many seeds.
 fn failures(curve: &Curve) -> String {
-    let helpless = curve.helpless();
-    let points = curve.sweep.points.iter().map(|point| point.0);
     let means = curve.means(0).into_iter().zip(curve.means(1));
-    let failed = points
-        .zip(means)
-        .filter(|(value, _)| helpless.contains(value));
-    let failed = failed.map(|(value, (with, without))| {
-        format!(
-            "{} ({} against {})",
-            number(value),
-            number(with),
-            number(without)
-        )
+    let points = curve.sweep.points.iter().zip(&curve.errors).zip(means);
+    let failed = points.filter_map(|(((value, _), pairs), (with, without))| {
+        let seeds = pairs.iter().filter(|pair| no_help(pair)).count();
+        (seeds > 0).then(|| {
+            format!(
+                "{} ({seeds} of {} seeds, {} against {})",
+                number(*value),
+                pairs.len(),
+                number(with),
+                number(without)
+            )
+        })
     });
     let failed: Vec<String> = failed.collect();
     format!("{} at {}", curve.sweep.name, failed.join(", "))

@@ -20,13 +20,27 @@ pub(super) struct Sweep {
 pub(super) struct Case {
     /// The capture.
     pub setup: Setup,
-    /// By the paper's algorithm with so many rays from each surface point; `None` for the fast preset.
-    pub rays: Option<u64>,
+    /// How it is solved.
+    pub how: How,
+}
+
+/// How a capture is solved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum How {
+    /// By the fast preset, in as many steps as a quick run has time for.
+    Fast,
+    /// The same in all steps of its coarse stage.
+    Longer,
+    /// By the paper's algorithm with so many rays from each surface point.
+    Rays(u64),
 }
 
 impl From<Setup> for Case {
     fn from(setup: Setup) -> Self {
-        Self { setup, rays: None }
+        Self {
+            setup,
+            how: How::Fast,
+        }
     }
 }
 
@@ -104,7 +118,7 @@ pub(super) fn sweeps(bench: &Bench<'_>) -> Vec<Sweep> {
             [&[4.0], &[4.0, 64.0], &[4.0, 8.0, 16.0, 64.0, 256.0]],
             &|rays| Case {
                 setup: Setup::noisy(bench.scale),
-                rays: Some(rays as u64),
+                how: How::Rays(rays as u64),
             },
         ),
         // Last: cameras elsewhere have to look anew.

@@ -18,6 +18,8 @@ pub(super) struct Edges {
     pub shares: [f64; 2],
     /// Rank correlation of errors and deviations elsewhere.
     pub elsewhere: f64,
+    /// That of errors that are drawn from the deviations, everywhere.
+    pub drawn: f64,
 }
 
 impl Edges {
@@ -28,6 +30,7 @@ impl Edges {
         Ok(Self {
             shares: spread.shares(&at),
             elsewhere: spread.without(&at).place(),
+            drawn: spread.place_if_drawn(),
         })
     }
 
@@ -35,12 +38,17 @@ impl Edges {
     pub(super) fn why(&self) -> String {
         let [pixels, error] = self.shares.map(|share| number(100.0 * share));
         format!(
-            "{error} % of the albedo's squared error is in the {pixels} % of pixels beside rims and contacts; elsewhere the rank correlation \
-             is {}: they are {}",
+            "elsewhere than beside rims and contacts, {pixels} % of pixels with {error} % of the squared error, its rank correlation is {}: these \
+             are {} cause; errors drawn from the deviations themselves would have {}: {}",
             number(self.elsewhere),
             match self.elsewhere > CORRELATED {
-                true => "the cause",
-                false => "not the cause",
+                true => "the",
+                false => "not the",
+            },
+            number(self.drawn),
+            match self.drawn > CORRELATED {
+                true => "that deviations are alike is no cause",
+                false => "deviations are too much alike to tell by one truth, which is a cause",
             }
         )
     }
@@ -97,16 +105,25 @@ mod tests {
 
     #[test]
     fn edges_are_the_cause_where_the_rest_is_in_order() {
-        let with = |elsewhere| {
+        let with = |elsewhere, drawn| {
             let edges = Edges {
                 shares: [0.1, 0.6],
                 elsewhere,
+                drawn,
             };
             edges.why()
         };
-        assert!(with(0.5).contains("60 % of the albedo's squared error is in the 10 % of pixels"));
-        assert!(with(0.5).ends_with("they are the cause"));
-        assert!(with(0.3).ends_with("they are not the cause"));
-        assert!(with(f64::NAN).ends_with("they are not the cause"));
+        let blamed = with(0.5, 0.6);
+        assert!(
+            blamed.contains("10 % of pixels with 60 % of the squared error"),
+            "{blamed}"
+        );
+        assert!(blamed.contains("these are the cause"), "{blamed}");
+        assert!(blamed.ends_with("is no cause"), "{blamed}");
+        for elsewhere in [0.3, f64::NAN] {
+            let other = with(elsewhere, 0.2);
+            assert!(other.contains("these are not the cause"), "{other}");
+            assert!(other.ends_with("which is a cause"), "{other}");
+        }
     }
 }

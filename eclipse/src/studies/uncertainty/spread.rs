@@ -1,5 +1,7 @@
 //! Predicted standard deviations beside errors and the spread over draws, a value each.
 
+use render::sampler::SampleKey;
+
 use crate::{report::text::number, studies::ranks::rank_correlation};
 
 /// Errors are of the size of deviations when their ratio lies between this and one over it.
@@ -32,6 +34,8 @@ pub(super) struct Spread {
     pub error: Vec<f64>,
     /// Shares of errors within one and two deviations.
     pub within: [f64; 2],
+    /// How many they are.
+    draws: usize,
     /// Draws may spread by so much of the deviation: by all of it and the standard error of a deviation that so many draws tell.
     allowed: f64,
 }
@@ -72,6 +76,7 @@ impl Spread {
             between,
             error,
             within: within.map(|sum| sum / all),
+            draws: draws.len(),
             allowed: 1.0 + (2.0 * (n - 1.0)).sqrt().recip(),
         }
     }
@@ -132,6 +137,21 @@ impl Spread {
         rank_correlation(&self.pairs(&self.error))
     }
 
+    /// The same if errors were drawn from a normal distribution with these very deviations, and were as alike from draw to draw as they
+    /// are: there is one truth, and where all deviations are much the same chance decides which errors are large.
+    pub(super) fn place_if_drawn(&self) -> f64 {
+        let own = (self.noise() / self.size()).min(1.0);
+        let shared = (1.0 - own * own).sqrt();
+        let mut stream = SampleKey::default().stream();
+        let mut normal = || f64::from(stream.normal());
+        let drawn = self.predicted.iter().map(|deviation| {
+            let of_truth = shared * normal();
+            let draws = (0..self.draws).map(|_| (of_truth + own * normal()).powi(2));
+            deviation * (draws.sum::<f64>() / self.draws as f64).sqrt()
+        });
+        rank_correlation(&self.pairs(&drawn.collect::<Vec<_>>()))
+    }
+
     /// Of the spread of draws with deviations.
     pub(super) fn place_of_noise(&self) -> f64 {
         rank_correlation(&self.pairs(&self.between))
@@ -165,41 +185,67 @@ impl Spread {
     }
 
     /// What failed.
-    pub(super) fn failures(&self) -> Vec<String> {
+    pub(super) fn failures(&self) -> Vec<Failure> {
         let [size, noise, place, covered] = self.parts();
         let name = self.name;
+        let ratio = self.size();
         let mut failures = Vec::new();
-        if !size {
-            let ratio = self.size();
-            let words = if ratio < HONEST {
-                "less than half of"
-            } else if ratio > 1.0 / HONEST {
-                "more than twice"
-            } else {
-                "not comparable with"
-            };
-            failures.push(format!(
-                "errors of the {name} are {words} what was predicted"
-            ));
-        }
-        if !noise {
-            failures.push(format!(
-                "draws of the {name} spread by more than was predicted"
-            ));
-        }
-        if !place {
-            failures.push(format!(
-                "errors of the {name} are not where deviations are large"
-            ));
-        }
-        if !covered {
-            failures.push(format!(
+        let mut add = |held: bool, kind, words: String| {
+            if !held {
+                failures.push(Failure { kind, words });
+            }
+        };
+        let (kind, words) = if ratio < HONEST {
+            (Kind::Small, "less than half of")
+        } else if ratio > 1.0 / HONEST {
+            (Kind::Other, "more than twice")
+        } else {
+            (Kind::Other, "not comparable with")
+        };
+        add(
+            size,
+            kind,
+            format!("errors of the {name} are {words} what was predicted"),
+        );
+        add(
+            noise,
+            Kind::Other,
+            format!("draws of the {name} spread by more than was predicted"),
+        );
+        add(
+            place,
+            Kind::Misplaced,
+            format!("errors of the {name} are not where deviations are large"),
+        );
+        add(
+            covered,
+            Kind::Other,
+            format!(
                 "{} % of errors of the {name} lie beyond two deviations",
                 number(100.0 * (1.0 - self.within[1]))
-            ));
-        }
+            ),
+        );
         failures
     }
+}
+
+/// A part that failed.
+#[derive(Debug)]
+pub(super) struct Failure {
+    pub kind: Kind,
+    /// What it is.
+    pub words: String,
+}
+
+/// What failures of one cause have in common.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// Errors are much smaller than was predicted.
+    Small,
+    /// They are elsewhere.
+    Misplaced,
+    /// Deviations are too small.
+    Other,
 }
 
 /// Whether errors are of the size of deviations.
@@ -244,12 +290,19 @@ mod tests {
         assert!((small.size() - 0.2).abs() < 1e-5 && small.noise() < 1e-5);
         assert_eq!(small.within, [1.0; 2]);
         assert_eq!(small.parts(), [false, true, true, true]);
-        assert!(small.failures()[0].contains("light are less than half"));
+        assert!(
+            small.failures()[0]
+                .words
+                .contains("light are less than half")
+        );
 
         let wild = spread([3.0, -3.0], [0.1, 0.2, 0.3, 0.4]);
         assert_eq!(wild.parts(), [false, false, true, false]);
         assert_eq!(wild.within, [0.0; 2]);
-        let failures = wild.failures().join(", ");
+        let failures = wild.failures();
+        assert!(failures.iter().all(|failure| failure.kind == Kind::Other));
+        let failures: Vec<String> = failures.into_iter().map(|f| f.words).collect();
+        let failures = failures.join(", ");
         for failure in [
             "more than twice what",
             "draws of the light spread",
@@ -258,6 +311,25 @@ mod tests {
             assert!(failures.contains(failure), "{failures}");
         }
         assert!(wild.words().starts_with("light: not held"));
+    }
+
+    #[test]
+    fn deviations_that_hardly_vary_foretell_little_of_where_errors_are() {
+        let of = |least: f32| {
+            let deviation: Vec<f32> = (0..4000)
+                .map(|i| least + (1.0 - least) * i as f32 / 4000.0)
+                .collect();
+            // Draws differ by a tenth of what they are off by.
+            let draw = |share: f32| Values {
+                found: deviation.iter().map(|d| share * d).collect(),
+                deviation: deviation.clone(),
+            };
+            let draws = [draw(0.9), draw(1.1)];
+            let weight = vec![1.0; 4000];
+            Spread::new("light", &[0.0; 4000], weight, &[&draws[0], &draws[1]]).place_if_drawn()
+        };
+        let (alike, apart) = (of(0.8), of(0.01));
+        assert!(alike < 0.15 && apart > 0.4, "{alike} {apart}");
     }
 
     #[test]
@@ -281,6 +353,10 @@ mod tests {
             ..spread([1.0, -1.0], [0.1, 0.2, 0.3, 0.4])
         };
         assert_eq!(misplaced.parts(), [true, true, false, true]);
-        assert!(misplaced.failures()[0].contains("not where deviations"));
+        assert!(
+            misplaced.failures()[0]
+                .words
+                .contains("not where deviations")
+        );
     }
 }
