@@ -298,7 +298,7 @@ fn full_model(rows: &[Row]) -> String {
     };
     let objects = Object::ALL.map(Object::name).join(", ");
     format!(
-        "On {objects} the full model's masks get {} of the blocked light wrong (none at all 1), and its light is off by {}, without \
+        "On {objects} the full model's masks get {} times as much light wrong as is blocked (none at all 1), and its light is off by {}, without \
          occluders in the model by {}",
         of(Variant::Full, |s| s.masks),
         of(Variant::Full, |s| s.light),
