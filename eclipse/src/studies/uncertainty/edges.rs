@@ -47,7 +47,8 @@ impl Edges {
             },
             number(self.drawn),
             match self.drawn > CORRELATED {
-                true => "that deviations are alike is no cause",
+                true if self.elsewhere > CORRELATED => "that deviations are alike is none",
+                true => "that deviations are alike is none either, and the cause was not found",
                 false => "deviations are too much alike to tell by one truth, which is a cause",
             }
         )
@@ -119,7 +120,11 @@ mod tests {
             "{blamed}"
         );
         assert!(blamed.contains("these are the cause"), "{blamed}");
-        assert!(blamed.ends_with("is no cause"), "{blamed}");
+        assert!(
+            blamed.ends_with("that deviations are alike is none"),
+            "{blamed}"
+        );
+        assert!(with(0.3, 0.6).ends_with("the cause was not found"));
         for elsewhere in [0.3, f64::NAN] {
             let other = with(elsewhere, 0.2);
             assert!(other.contains("these are not the cause"), "{other}");
