@@ -457,7 +457,7 @@ mod tests {
             told.contains("number 112, which is zero with one"),
             "{told}"
         );
-        assert!(told.contains("number 8 is 1"), "{told}");
+        assert!(told.contains("number 8 is 3.05 times as large"), "{told}");
     }
 
     #[test]
