@@ -4,11 +4,11 @@ mod claims;
 
 use serde_json::{Map, Value, json};
 
-use self::claims::{Claim, claims, untested};
+use self::claims::{Claim, claims, in_short, untested};
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
-    evidence::{Axis, Chart, Content, Figure, Picture, Series, listed, seeds},
+    evidence::{Axis, Chart, Content, Figure, Picture, Series, listed, range, seeds},
     small::{BATCH, Object, Setup, iterations, misfit, paper_settings},
     trial::Trial,
 };
@@ -242,14 +242,14 @@ fn evidence(bench: &Bench<'_>, rows: &[Row], pictures: Vec<Picture>) -> Evidence
                 do as well as those of low degree or better, and masks that start near one do better than masks that start at one half.",
         verdict: Verdict::of_all(&held),
         sentence: format!(
-            "{} (by the light's error in every seed). {}.",
-            in_short(&claims, untested(rows)),
+            "{} (better by the light's error, in every seed). {}.",
+            in_short(&claims),
             full_model(rows)
         ),
         numbers: numbers(rows),
         figures,
         details: vec![
-            said.join("; ") + ".",
+            said.into_iter().chain(untested(rows)).collect::<Vec<_>>().join("; ") + ".",
             format!("Relative RMSE of the light, a seed each: {}.", measured(rows)),
         ],
         notes: vec![
@@ -283,26 +283,23 @@ fn evidence(bench: &Bench<'_>, rows: &[Row], pictures: Vec<Picture>) -> Evidence
     }
 }
 
-/// Which claims held and which not, and what kept others from being tested.
-fn in_short(claims: &[Claim], untested: Option<String>) -> String {
-    let parts = claims.iter().map(Claim::in_short);
-    parts.chain(untested).collect::<Vec<_>>().join("; ")
-}
-
 /// How good the full model is at all: its masks, and its light against that without any.
 fn full_model(rows: &[Row]) -> String {
     let of = |variant: Variant, of: fn(&Scores) -> f64| {
         let those = rows.iter().filter(|row| row.variant == variant);
         let means: Vec<f64> = those.map(|row| row.mean(of)).collect();
-        listed(&means)
+        match range(&means).map(number) {
+            [low, high] if low == high => low,
+            [low, high] => format!("{low} to {high}"),
+        }
     };
-    let objects = Object::ALL.map(Object::name).join(", ");
     format!(
-        "On {objects} the full model's masks get {} times as much light wrong as is blocked (none at all 1), and its light is off by {}, without \
-         occluders in the model by {}",
+        "The full model's masks get {} times as much light wrong as is blocked (none at all 1); its light is off by {}, without occluders in \
+         the model by {}, the best constant map by {}",
         of(Variant::Full, |s| s.masks),
         of(Variant::Full, |s| s.light),
-        of(Variant::NoMasks, |s| s.light)
+        of(Variant::NoMasks, |s| s.light),
+        of(Variant::Full, |s| s.constant)
     )
 }
 

@@ -17,6 +17,8 @@ const BLIND: &str = "the full model's masks are no better than none";
 
 /// One claim, on one object or several.
 pub(super) struct Claim {
+    /// What is claimed to be better, in a few words.
+    name: &'static str,
     /// What is claimed.
     what: &'static str,
     parts: Vec<Part>,
@@ -42,30 +44,40 @@ struct Part {
 /// Every claim that `rows` can tell of.
 pub(super) fn claims(rows: &[Row]) -> Vec<Claim> {
     let first = Object::ALL[0];
-    let claim = |what, of: Of, objects: &[Object], other: Variant| {
+    let claim = |[name, what]: [&'static str; 2], of: Of, objects: &[Object], other: Variant| {
         let part = |&object: &Object| {
             let full = row(rows, object, Variant::Full)?;
             let held = better(full, row(rows, object, other)?);
             Some(Part::new(full, of, held))
         };
         Claim {
+            name,
             what,
             parts: objects.iter().filter_map(part).collect(),
         }
     };
-    let harmonics = "harmonics of masks are better than free values";
-    let pyramid = "a pyramid of light is better than free values";
+    let harmonics = [
+        "harmonics of masks",
+        "harmonics of masks are better than free values",
+    ];
+    let pyramid = [
+        "a pyramid of light",
+        "a pyramid of light is better than free values",
+    ];
     let mut claims = vec![
         claim(harmonics, Of::Masks, &Object::ALL, Variant::FreeMasks),
         claim(pyramid, Of::Light, &Object::ALL, Variant::FreeLight),
         claim(
-            "a = 2 is better than a = 1/2",
+            ["a = 2", "a = 2 is better than a = 1/2"],
             Of::Light,
             &[first],
             Variant::Ratio(0.5),
         ),
         claim(
-            "masks that start near one are better than those that start at one half",
+            [
+                "masks near one at the start",
+                "masks that start near one are better than those that start at one half",
+            ],
             Of::Masks,
             &[first],
             Variant::Bias(0.0),
@@ -79,6 +91,7 @@ pub(super) fn claims(rows: &[Row]) -> Vec<Claim> {
         let mut pairs = full.scores.iter().zip(&lowest.scores);
         let held = pairs.all(|(full, lowest)| full.light <= (1.0 + ALIKE) * lowest.light);
         claims.push(Claim {
+            name: "degree 24",
             what: "harmonics of degree 24 do as well as those of the lowest (within 2 %) or better",
             parts: vec![Part::new(full, Of::Masks, held)],
         });
@@ -104,11 +117,25 @@ impl Claim {
         self.parts.iter().map(|part| part.held)
     }
 
-    /// What is claimed, whether and on how many objects it held, and on how many it was not tested.
-    pub(super) fn in_short(&self) -> String {
-        format!("{}: {}", self.what, self.count())
+    /// Whether it held on every object where it was tested, if it was on any.
+    fn held_everywhere(&self) -> Option<bool> {
+        let all: Vec<bool> = self.held().collect();
+        (!all.is_empty()).then(|| all.iter().all(|held| *held))
     }
 
+    /// In a few words, with the objects where there are several.
+    fn in_short(&self) -> String {
+        let (held, tested) = (
+            self.held().filter(|held| *held).count(),
+            self.held().count(),
+        );
+        match (self.parts.len(), tested) {
+            (1, _) | (_, 0) => self.name.to_owned(),
+            (_, tested) => format!("{} ({held} of {tested} objects)", self.name),
+        }
+    }
+
+    /// Whether and on how many objects it held, and on how many it was not tested.
     fn count(&self) -> String {
         let all = self.held().count();
         let held = self.held().filter(|&held| held).count();
@@ -128,7 +155,7 @@ impl Claim {
 
     /// What is claimed, where it held, and why it did not elsewhere.
     pub(super) fn words(&self) -> String {
-        let mut words = self.in_short();
+        let mut words = format!("{}: {}", self.what, self.count());
         let reasons = self.parts.iter().filter_map(|part| {
             let outcome = match part.held {
                 Some(true) => return None,
@@ -147,6 +174,23 @@ impl Claim {
         }
         words
     }
+}
+
+/// Which claims held, which did not, and which were not tested.
+pub(super) fn in_short(claims: &[Claim]) -> String {
+    let outcomes = [
+        ("held", Some(true)),
+        ("not held", Some(false)),
+        ("not tested", None),
+    ];
+    let parts = outcomes.into_iter().filter_map(|(words, outcome)| {
+        let those = claims
+            .iter()
+            .filter(|claim| claim.held_everywhere() == outcome);
+        let those: Vec<String> = those.map(Claim::in_short).collect();
+        (!those.is_empty()).then(|| format!("{words}: {}", those.join(", ")))
+    });
+    parts.collect::<Vec<_>>().join("; ")
 }
 
 impl Part {
@@ -276,7 +320,8 @@ mod tests {
         assert!(words.contains("held on 3 of 4 objects"), "{words}");
         let unknown = "not on the wreath: the cause was not found";
         assert!(words.contains(unknown), "{words}");
-        assert!(found[0].in_short().ends_with("held on 3 of 4 objects"));
+        let short = in_short(&found);
+        assert_eq!(short, "not held: harmonics of masks (3 of 4 objects)");
 
         let wreath = rows
             .iter_mut()
@@ -314,7 +359,7 @@ mod tests {
         }
         let claim = &claims(&rows)[0];
         assert_eq!(claim.held().count(), 0);
-        assert!(claim.in_short().ends_with("not tested"));
+        assert_eq!(in_short(&claims(&rows)), "not tested: harmonics of masks");
         assert!(
             claim
                 .words()
