@@ -88,10 +88,14 @@ fn complete_with(name: &str, summary: &Value, folder: &tempfile::TempDir, rows: 
 fn occluders_make_visible_what_a_matt_surface_hides() {
     let (summary, folder) = study("conditioning");
     complete("conditioning", &summary, &folder);
-    // By singular values, as in the paper's figure, most is gained at the end.
-    assert_eq!(summary["verdict"], "held", "{summary:#}");
+    // By singular values, as in the paper's figure, most is gained at the end; by frequencies it is not, and nothing else fails.
+    assert_eq!(summary["verdict"], "held_in_part", "{summary:#}");
     let said = summary["sentence"].as_str().unwrap();
-    assert!(!said.contains("But"), "{said}");
+    let (_, failed) = said.split_once(" But ").unwrap();
+    assert!(
+        failed.starts_with("of frequencies themselves") && !failed.contains(';'),
+        "{said}"
+    );
     let at = |row: &str, number: &str| summary["numbers"]["blocker"][row][number].as_f64().unwrap();
     // Computed independently with LAPACK's SVD of the same operator.
     let expected = [
