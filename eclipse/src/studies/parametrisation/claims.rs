@@ -184,13 +184,29 @@ pub(super) fn in_short(claims: &[Claim]) -> String {
         ("not tested", None),
     ];
     let parts = outcomes.into_iter().filter_map(|(words, outcome)| {
-        let those = claims
+        let those: Vec<&Claim> = claims
             .iter()
-            .filter(|claim| claim.held_everywhere() == outcome);
-        let those: Vec<String> = those.map(Claim::in_short).collect();
-        (!those.is_empty()).then(|| format!("{words}: {}", those.join(", ")))
+            .filter(|claim| claim.held_everywhere() == outcome)
+            .collect();
+        let names: Vec<String> = those.iter().map(|claim| claim.in_short()).collect();
+        let why = match outcome {
+            None => reasons(&those),
+            Some(_) => String::new(),
+        };
+        (!those.is_empty()).then(|| format!("{words}: {}{why}", names.join(", ")))
     });
     parts.collect::<Vec<_>>().join("; ")
+}
+
+/// Every reason why `claims` were not tested, once, in a bracket.
+fn reasons(claims: &[&Claim]) -> String {
+    let mut all: Vec<&str> = Vec::new();
+    for part in claims.iter().flat_map(|claim| &claim.parts) {
+        if !all.contains(&part.why) {
+            all.push(part.why);
+        }
+    }
+    format!(" ({})", all.join("; "))
 }
 
 impl Part {
@@ -359,7 +375,10 @@ mod tests {
         }
         let claim = &claims(&rows)[0];
         assert_eq!(claim.held().count(), 0);
-        assert_eq!(in_short(&claims(&rows)), "not tested: harmonics of masks");
+        assert_eq!(
+            in_short(&claims(&rows)),
+            "not tested: harmonics of masks (the full model was cut short)"
+        );
         assert!(
             claim
                 .words()
