@@ -4,7 +4,7 @@ use std::{
     collections::BTreeSet,
     fs,
     path::Path,
-    process::Output,
+    process::{Command, Output},
     sync::atomic::{AtomicBool, Ordering},
 };
 
@@ -128,7 +128,7 @@ fn an_occluder_tells_matt_from_mirror() {
     // Alike but for the rim, and then not.
     assert!(without[1] < 0.03, "{without:?}");
     assert!(with[0] > 5.0 * without[1], "{without:?} {with:?}");
-    // What an occluder does to the mirror is not twice what it does to the matt sphere in every seed, and the page says so.
+    // The mirror shows more of an occluder than the matt sphere does; what does not hold the page says.
     let change = |of: &str| {
         summary["numbers"]["change_by_occluder"][of][0]
             .as_f64()
@@ -296,7 +296,7 @@ fn studies_that_reconstruct_leave_pages() {
 }
 
 #[test]
-fn studies_that_no_capture_is_needed_for_run_at_a_glance() {
+fn studies_of_one_capture_or_none_run_at_a_glance() {
     let folder = tempfile::tempdir().unwrap();
     capture(&folder.path().join("pair"), Occluders::Operator);
     let arguments = [
@@ -395,6 +395,27 @@ fn studies_that_no_capture_is_needed_for_run_at_a_glance() {
             );
         }
     }
+}
+
+#[test]
+fn a_pair_of_captures_is_made_where_none_were_asked_for() {
+    // Nothing of the project's is here, as for whoever has installed the program alone.
+    let here = tempfile::tempdir().unwrap();
+    let out = here.path().join("out");
+    let study = |name: &str, more: &[&str]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_eclipse-under-test"))
+            .current_dir(here.path())
+            .args(["study", name, "--glance", "--threads", "1", "--out"])
+            .arg(&out)
+            .args(more)
+            .output();
+        output.unwrap().status.code()
+    };
+    assert_eq!(study("lambertian", &[]), Some(0));
+    assert!(out.join("lambertian/study.html").exists());
+    // Of others, and of a folder that was asked for, it is an error.
+    assert_eq!(study("recovery", &[]), Some(3));
+    assert_eq!(study("lambertian", &["--captures", "elsewhere"]), Some(3));
 }
 
 #[test]

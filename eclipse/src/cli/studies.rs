@@ -19,15 +19,12 @@ use super::{
 use crate::{
     files::made::MadeFolder,
     progress::{Event, Lines, Style},
-    studies::{self, Bench, Evidence, Scale, Study, StudyError, page},
+    studies::{self, Bench, CAPTURES, Evidence, Scale, Study, StudyError, page},
 };
 
 /// What is said where the study of real photographs has none.
 const NO_PHOTOGRAPHS: &str = "`real` needs photographs of a real object, which are not part of the project: name the folder of a capture \
     that `eclipse inspect` accepts with --real DIR, or with the environment variable ECLIPSE_REAL";
-
-/// Where captures with their truth are looked for.
-const CAPTURES: &str = "tests/captures";
 
 /// Options that some studies have a use for, by their fields' names, each with those studies; all of them together use everything.
 /// (How many captures there are decides how long a real one is reconstructed for.)
@@ -143,7 +140,7 @@ pub(super) struct PaperArguments {
     /// Only whether everything runs, in seconds: one seed, tiny captures, a step or two. No claim is judged.
     #[arg(long, conflicts_with_all = ["quick", "full"])]
     pub glance: bool,
-    /// Folder of captures with their truth, for the studies that reconstruct; `lambertian` and `recovery` compare a capture NAME
+    /// Folder of captures with their truth, for the studies that do not make their own; `lambertian` and `recovery` compare a capture NAME
     /// with the same without anybody in the light, NAME-unoccluded.
     #[arg(long, value_name = "DIR", default_value = CAPTURES)]
     pub captures: PathBuf,

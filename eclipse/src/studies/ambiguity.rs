@@ -399,6 +399,7 @@ mod tests {
     #[test]
     fn an_occluder_that_blocks_nothing_tells_nothing() {
         let mut pair = Pair::new(16, 0);
+        assert!(pair.change(&pair.matt) > 0.01 && pair.edge(&pair.mirror) > 0.01);
         pair.matt[1] = pair.matt[0].clone();
         pair.mirror[1] = pair.mirror[0].clone();
         assert_eq!(pair.change(&pair.matt), 0.0);

@@ -8,7 +8,7 @@ use serde_json::json;
 
 use super::{
     Bench, Evidence, Study, StudyError, Verdict,
-    evidence::{Axis, Chart, Content, Figure, Series, but},
+    evidence::{Axis, Chart, Content, Figure, Series, but, mean},
     flatland::{Flatland, Occluder, spread},
     spectrum::singular_values,
 };
@@ -82,15 +82,14 @@ impl Row {
     /// The share that is recovered of the frequencies from `from` to `to`, in parts of all.
     fn share(&self, from: f64, to: f64) -> f64 {
         let place = |part: f64| (part * self.recovered.len() as f64) as usize;
-        let band = &self.recovered[place(from)..place(to)];
-        band.iter().sum::<f64>() / band.len() as f64
+        mean(&self.recovered[place(from)..place(to)])
     }
 
     /// The same of low frequencies that are even or, `odd`, of the others: these alone are lost without occluders.
     fn low(&self, odd: bool) -> f64 {
         let band = LOW.filter(|k| (k % 2 == 1) == odd);
         let band: Vec<f64> = band.map(|k| self.recovered[k]).collect();
-        band.iter().sum::<f64>() / band.len() as f64
+        mean(&band)
     }
 
     /// Of the highest quarter.
@@ -164,8 +163,13 @@ fn evidence(flatland: Flatland) -> Result<Evidence, StudyError> {
         |count: &dyn Fn(&Row) -> f64| blocker.windows(2).all(|w| count(&w[1]) > count(&w[0]));
     // By what factor many occluders raise singular values beyond one: most at the end, as Fig. 3 has it.
     let places = [n / 4, n / 2, 7 * n / 8];
-    let raised = places.map(|at| raised(at, one, many));
-    let most_at_the_end = raised.windows(2).all(|pair| pair[1] > pair[0]);
+    let factors = places.map(|at| many.values[at] / one.values[at].max(ZERO));
+    let most_at_the_end = factors.windows(2).all(|pair| pair[1] > pair[0]);
+    let raised: Vec<String> = places
+        .iter()
+        .zip(factors)
+        .map(|(&at, factor)| raised(at, factor, one, many))
+        .collect();
     let gain = |from, to| many.share(from, to) - one.share(from, to);
     let (middle, end) = (gain(0.25, 0.5), gain(0.75, 1.0));
     // What is to be said where a part does not hold, and whether it does.
@@ -241,11 +245,12 @@ fn evidence(flatland: Flatland) -> Result<Evidence, StudyError> {
         ],
         details: vec![
             format!(
-                "Above 1/100 of the largest are {}; the smallest is {} with one occluder and {} with 32, as a share of the largest. {}.",
+                "Above 1/100 of the largest are {}; the smallest is {} with one occluder and {} with 32, as a share of the largest. \
+                 Of singular values, {}.",
                 counts(0),
                 in_words(one.smallest()),
                 in_words(many.smallest()),
-                raised_in_words(places, one, many),
+                raised.join(", "),
             ),
             format!(
                 "In shares of a frequency's variance at a noise of 0.3 %, what 32 occluders add to one: {} % of the second quarter, {} % of \
@@ -282,24 +287,18 @@ fn evidence(flatland: Flatland) -> Result<Evidence, StudyError> {
     })
 }
 
-/// By what factor many occluders raise a singular value beyond one.
-fn raised(at: usize, one: &Row, many: &Row) -> f64 {
-    many.values[at] / one.values[at].max(ZERO)
-}
-
-/// The same of some, for people: from zero there is no factor.
-fn raised_in_words(places: [usize; 3], one: &Row, many: &Row) -> String {
-    let words = places.map(|at| match one.values[at] < ZERO {
+/// By what `factor` many occluders raise a singular value beyond one: from zero there is none to be told.
+fn raised(at: usize, factor: f64, one: &Row, many: &Row) -> String {
+    match one.values[at] < ZERO {
         true => format!(
             "number {at}, which is zero with one, is {} with 32",
             in_words(many.values[at])
         ),
         false => format!(
             "number {at} is {} times as large with 32 as with one",
-            number(raised(at, one, many))
+            number(factor)
         ),
-    });
-    format!("Of singular values, {}", words.join(", "))
+    }
 }
 
 /// Of a share that may be zero but for round-off.
@@ -452,12 +451,16 @@ mod tests {
     #[test]
     fn from_zero_there_is_no_factor() {
         let [one, many] = [1, 32].map(|n| Row::new(&SMALL, n).unwrap());
-        let told = raised_in_words([8, 32, 112], &one, &many);
+        let factor = many.values[8] / one.values[8];
+        let told = [8, 112].map(|at| raised(at, factor, &one, &many));
         assert!(
-            told.contains("number 112, which is zero with one"),
-            "{told}"
+            told[0].starts_with("number 8 is 3.05 times as large"),
+            "{told:?}"
         );
-        assert!(told.contains("number 8 is 3.05 times as large"), "{told}");
+        assert!(
+            told[1].starts_with("number 112, which is zero with one"),
+            "{told:?}"
+        );
     }
 
     #[test]

@@ -57,6 +57,11 @@ pub fn listed(values: &[f64]) -> String {
     words.join(", ")
 }
 
+/// The mean; no number of nothing.
+pub fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
 /// Least and most; no number where one is none, which then is no better than anything.
 pub fn range(values: &[f64]) -> [f64; 2] {
     if values.is_empty() || values.iter().any(|v| v.is_nan()) {

@@ -304,3 +304,50 @@ fn figures(studied: &Studied) -> Vec<Figure> {
     };
     vec![resolved, left]
 }
+
+#[cfg(test)]
+mod tests {
+    use render::lat_long::LatLong;
+
+    use super::*;
+
+    /// Errors of two seeds: with somebody and the albedo unknown, the same known, with nobody, and known.
+    fn studied(errors: [[f64; 2]; 4]) -> Studied {
+        let known = [(true, false), (true, true), (false, false), (false, true)];
+        let of_seed = |seed: usize| -> Vec<Limit> {
+            let limits = known.iter().zip(errors);
+            limits
+                .map(|(&(operator, albedo), error)| Limit {
+                    known: Known { operator, albedo },
+                    grid: LatLong::new(2, 4),
+                    left: vec![1.0; 8],
+                    error: error[seed],
+                    revealed: Vec::new(),
+                })
+                .collect()
+        };
+        Studied {
+            name: "ball".to_owned(),
+            seeds: vec![of_seed(0), of_seed(1)],
+        }
+    }
+
+    #[test]
+    fn somebody_helps_where_the_worst_seed_says_so_with_the_albedo_known_or_not() {
+        let helped = studied([[0.7, 0.8], [0.5, 0.5], [0.99, 0.99], [0.7, 0.7]]);
+        assert!(helped.held() && helped.why().is_empty());
+        let one_seed = studied([[0.7, 0.95], [0.5, 0.5], [0.99, 0.99], [0.7, 0.7]]);
+        assert_eq!(one_seed.parts(), [false, true]);
+        let why = one_seed.why();
+        assert!(why.contains("0.96 is left in the worst seed"), "{why}");
+        assert!(why.contains("hardly tells light from albedo"), "{why}");
+        let albedo_alone = studied([[0.7, 0.8], [0.69, 0.5], [0.99, 0.99], [0.7, 0.7]]);
+        assert_eq!(albedo_alone.parts(), [true, false]);
+        let why = albedo_alone.why();
+        assert!(why.contains("own shadows tell nearly as much"), "{why}");
+        let mirror = studied([[0.5, 0.5], [0.5, 0.5], [0.5, 0.5], [0.5, 0.5]]);
+        assert!(mirror.why().contains("tell of the light already"));
+        let broken = studied([[f64::NAN, 0.7], [0.5, 0.5], [0.99, 0.99], [0.7, 0.7]]);
+        assert!(!broken.held());
+    }
+}

@@ -77,44 +77,18 @@ impl Row {
         range(&values(solved, Solved::albedo))
     }
 
-    /// The claim's parts, by the worst seed with occluders modelled and the best without; only those whose truth is known, and
-    /// whose counterpart is there: `clear` is the same without anybody in the light.
+    /// The claim's parts; `clear` is the same without anybody in the light.
     fn parts(&self, clear: Option<&Self>) -> Vec<(&'static str, bool)> {
-        let (with, without) = (
-            Self::environment(&self.modelled),
-            Self::environment(&self.ignored),
-        );
-        let mut parts = vec![
-            (
-                "its light is no better than without occluders in the model",
-                with[1] < without[0],
-            ),
-            (
-                "its light is no better than light convolved with the material",
-                with[1] < self.convolved,
-            ),
-        ];
-        if let Some(clear) = clear {
-            parts.push((
-                "its light is no better than by the object's own shadows alone",
-                with[1] < Self::environment(&clear.ignored)[0],
-            ));
-        }
-        if !self.trial.truth.albedo.is_empty() {
-            let better = Self::albedo(&self.modelled)[0] > Self::albedo(&self.ignored)[1];
-            parts.push((
-                "its albedo is no better than without occluders in the model",
-                better,
-            ));
-        }
-        if self.trial.occluded() {
-            // No mask at all gets as much light wrong as is blocked.
-            parts.push((
-                "its masks are no better than none",
-                self.masks(Self::mask_error)[1] < 1.0,
-            ));
-        }
-        parts
+        let ways = [&self.modelled, &self.ignored];
+        let albedo = !self.trial.truth.albedo.is_empty();
+        let compared = Compared {
+            light: ways.map(|solved| Self::environment(solved)),
+            convolved: self.convolved,
+            clear: clear.map(|clear| Self::environment(&clear.ignored)),
+            albedo: albedo.then(|| ways.map(|solved| Self::albedo(solved))),
+            masks: self.trial.occluded().then(|| self.masks(Self::mask_error)),
+        };
+        compared.parts()
     }
 
     /// Whether the light is worse in every seed where occluders are modelled.
@@ -268,6 +242,54 @@ impl Row {
     }
 }
 
+/// What is compared of one capture, least and most over seeds: only what has a truth and a counterpart.
+struct Compared {
+    /// Errors with occluders modelled, and without.
+    light: [[f64; 2]; 2],
+    /// The error of the true light convolved with the material.
+    convolved: f64,
+    /// Errors without anybody in the light.
+    clear: Option<[f64; 2]>,
+    /// Decibels, as `light`.
+    albedo: Option<[[f64; 2]; 2]>,
+    /// The light that masks get wrong over what is blocked.
+    masks: Option<[f64; 2]>,
+}
+
+impl Compared {
+    /// By the worst seed with occluders modelled and the best without; what is no number is not better.
+    fn parts(&self) -> Vec<(&'static str, bool)> {
+        let [[_, worst], [best_without, _]] = self.light;
+        let mut parts = vec![
+            (
+                "its light is no better than without occluders in the model",
+                worst < best_without,
+            ),
+            (
+                "its light is no better than light convolved with the material",
+                worst < self.convolved,
+            ),
+        ];
+        if let Some([best_clear, _]) = self.clear {
+            parts.push((
+                "its light is no better than by the object's own shadows alone",
+                worst < best_clear,
+            ));
+        }
+        if let Some([[worst, _], [_, best_without]]) = self.albedo {
+            parts.push((
+                "its albedo is no better than without occluders in the model",
+                worst > best_without,
+            ));
+        }
+        if let Some([_, worst]) = self.masks {
+            // No mask at all gets as much light wrong as is blocked.
+            parts.push(("its masks are no better than none", worst < 1.0));
+        }
+        parts
+    }
+}
+
 /// The light's errors of every capture, with occluders modelled and without.
 fn errors(rows: &[Row]) -> Figure {
     let of = |solved: fn(&Row) -> &[Rc<Solved>]| -> Vec<Vec<f64>> {
@@ -399,4 +421,46 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Result<Evidence, StudyError> {
                 .into(),
         ],
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_part_is_judged_by_the_worst_seed_against_the_best() {
+        let good = || Compared {
+            light: [[0.4, 0.5], [0.6, 0.9]],
+            convolved: 0.8,
+            clear: Some([0.7, 0.8]),
+            albedo: Some([[25.0, 28.0], [10.0, 20.0]]),
+            masks: Some([0.5, 0.9]),
+        };
+        let failed = |compared: Compared| -> Vec<usize> {
+            let parts = compared.parts().into_iter().enumerate();
+            parts
+                .filter_map(|(i, (_, held))| (!held).then_some(i))
+                .collect()
+        };
+        let with = |change: fn(&mut Compared)| {
+            let mut compared = good();
+            change(&mut compared);
+            failed(compared)
+        };
+        assert_eq!(failed(good()), [0usize; 0]);
+        assert_eq!(with(|c| c.light[1][0] = 0.45), [0]);
+        assert_eq!(with(|c| c.convolved = 0.45), [1]);
+        assert_eq!(with(|c| c.clear = Some([0.45, 0.8])), [2]);
+        assert_eq!(with(|c| c.albedo = Some([[25.0, 28.0], [10.0, 26.0]])), [3]);
+        assert_eq!(with(|c| c.masks = Some([0.5, 1.1])), [4]);
+        assert_eq!(with(|c| c.light[0] = [f64::NAN; 2]), [0, 1, 2]);
+        // What has no truth is not asked for.
+        let alone = Compared {
+            clear: None,
+            albedo: None,
+            masks: None,
+            ..good()
+        };
+        assert_eq!(alone.parts().len(), 2);
+    }
 }

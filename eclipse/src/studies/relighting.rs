@@ -15,7 +15,7 @@ use self::{
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
-    evidence::{Content, Figure, Picture, listed, range},
+    evidence::{Content, Figure, Picture, listed, mean, range},
     small::lamps,
     trial::{Solved, Trial},
 };
@@ -154,8 +154,7 @@ impl Row {
             None => Finish::Matt,
         };
         let mean = |which, is_own: bool| {
-            let errors = self.all(which, |finish| (finish == own) == is_own);
-            number(errors.iter().sum::<f64>() / errors.len() as f64)
+            number(mean(&self.all(which, |finish| (finish == own) == is_own)))
         };
         format!(
             "{} {} and {} ({} and {})",
@@ -295,7 +294,8 @@ fn evidence(bench: &Bench<'_>, rows: &[Row]) -> Evidence {
             match failures.len() {
                 0 => String::new(),
                 n => format!(
-                    " But of {} cases {n} are no better in some seed, or {CLOSE} and more, below which counts as relit.",
+                    " But of {} cases {n} are no better in some seed, or {CLOSE} and more, below which counts as relit: light, finish and shape \
+                     are the true ones, so that materials and their scale are off.",
                     LIGHTS.len() * rows.iter().map(|row| row.finishes.len()).sum::<usize>()
                 ),
             }

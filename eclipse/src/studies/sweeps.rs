@@ -17,7 +17,7 @@ use super::trial::Solved;
 use super::{
     Evidence, Scale, Study, StudyError, Verdict,
     bench::Bench,
-    evidence::{listed, seeds},
+    evidence::{listed, mean, seeds},
     small::{
         BATCH, Setup, iterations, misfit, solve, solve_by_rays, solve_longer, steps, telling_steps,
     },
@@ -128,23 +128,32 @@ impl Longer {
         !no_help(&self.after)
     }
 
-    fn sentence(&self) -> String {
+    /// What too few steps are.
+    fn cause(&self) -> &'static str {
         let [after, before] = [self.after, self.before];
         let share = |[with, without]: [f64; 2]| with / without;
+        match (self.helps(), share(after) < share(before)) {
+            (true, _) => "the cause",
+            (false, true) => "a part of the cause",
+            (false, false) if after[0] > before[0] => {
+                "not the cause: more lead away from the truth"
+            }
+            (false, false) => "not the cause",
+        }
+    }
+
+    fn sentence(&self) -> String {
+        let [after, before] = [self.after, self.before];
         format!(
             "at {} seed {} in all steps of the coarse stage is off by {} with somebody and by {} with nobody, in place of {} and {}: too few \
-             steps are {} cause",
+             steps are {}",
             number(self.value),
             self.seed,
             number(after[0]),
             number(after[1]),
             number(before[0]),
             number(before[1]),
-            match (self.helps(), share(after) < share(before)) {
-                (true, _) => "the",
-                (false, true) => "a part of the",
-                (false, false) => "not the",
-            }
+            self.cause()
         )
     }
 }
@@ -222,10 +231,11 @@ impl Curve {
 
     /// Means over seeds.
     fn means(&self, which: usize) -> Vec<f64> {
-        let mean = |pairs: &Vec<[f64; 2]>| {
-            pairs.iter().map(|pair| pair[which]).sum::<f64>() / pairs.len() as f64
-        };
-        self.errors.iter().map(mean).collect()
+        let errors = self.errors.iter().map(|pairs| {
+            let of_seeds: Vec<f64> = pairs.iter().map(|pair| pair[which]).collect();
+            mean(&of_seeds)
+        });
+        errors.collect()
     }
 
     /// The values at which somebody in the light is no help, in any seed.
@@ -242,7 +252,15 @@ impl Curve {
         self.helpless().is_empty()
     }
 
-    /// What was measured that explains no help.
+    /// What was measured that explains no help at a value, for the first line.
+    fn why_at(&self, value: f64) -> String {
+        let longer = self.longer.iter().find(|longer| longer.value == value);
+        longer.map_or("why was not tested".to_owned(), |longer| {
+            format!("too few steps are {}", longer.cause())
+        })
+    }
+
+    /// The same of all, with its numbers.
     fn why(&self) -> String {
         let mut words: Vec<String> = self.longer.iter().map(Longer::sentence).collect();
         if words.is_empty() {
@@ -452,7 +470,9 @@ mod tests {
             let short = in_short(&[short], &[]);
             assert!(short.contains("0 of 1 sweeps held"), "{short}");
             assert!(
-                short.contains(&format!("{name} at 5 (1 of 2 seeds, 0.5 against 0.5)")),
+                short.contains(&format!(
+                    "{name} at 5 (1 of 2 seeds, 0.5 against 0.5; why was not tested)"
+                )),
                 "{short}"
             );
         }
@@ -473,6 +493,8 @@ mod tests {
                 }],
                 ..curve(LAMPS, &[(5.0, [[0.6, 0.5]; 2])])
             };
+            let first = in_short(std::slice::from_ref(&curve), &[]);
+            assert!(first.contains("; too few steps are "), "{first}");
             curve.sentence()
         };
         let cause = with([0.4, 0.5]);
@@ -487,7 +509,9 @@ mod tests {
         );
         // A lower error that nobody's is lower than by more is no gain.
         for after in [[0.7, 0.5], [0.59, 0.3], [f64::NAN, 0.5]] {
-            assert!(with(after).contains("too few steps are not the cause"));
+            let told = with(after);
+            assert!(told.contains("too few steps are not the cause"), "{told}");
+            assert_eq!(told.contains("away from the truth"), after[0] > 0.6);
         }
     }
 

@@ -8,7 +8,7 @@ use serde_json::{Map, Value, json};
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
-    evidence::{Axis, Chart, Content, Figure, Series, listed, range, seeds},
+    evidence::{Axis, Chart, Content, Figure, Series, listed, mean, range, seeds},
     trial::{Solved, Trial},
 };
 use crate::{
@@ -224,19 +224,16 @@ impl Row {
             Way::ALL.map(curve).join("; "),
             number(self.constant)
         )];
-        let mean = |share| {
-            let errors = self.at(Way::Paper, share);
-            errors.iter().sum::<f64>() / errors.len() as f64
-        };
         let last = self.shares.len() - 1;
-        if mean(last) > mean(0) {
+        let [soon, late] = [0, last].map(|share| mean(&self.at(Way::Paper, share)));
+        if late > soon {
             details.push(format!(
                 "{}: the paper's algorithm is worse after {} s than after {} ({} and {}, means); why was not found.",
                 self.name,
                 number(self.limit),
                 number(seconds[0]),
-                number(mean(last)),
-                number(mean(0))
+                number(late),
+                number(soon)
             ));
         }
         if self.matt && self.limit < BAR_SECONDS {

@@ -1,19 +1,23 @@
 //! Whether standard deviations are of the size of errors: against the spread over draws of noise and seeds, and the truth.
 
 mod edges;
+mod misplaced;
 mod spread;
+mod truths;
 
 use render::{image::Image, lat_long::LatLong};
 use serde_json::{Map, Value, json};
 
 use self::{
     edges::Edges,
+    misplaced::Misplaced,
     spread::{Failure, Kind, Spread, Values},
+    truths::Truths,
 };
 use super::{
     Evidence, Study, StudyError, Verdict,
     bench::Bench,
-    evidence::{Axis, Chart, Content, Figure, Picture, Series, Tone, but, listed},
+    evidence::{Axis, Chart, Content, Figure, Picture, Series, Tone, but, listed, mean},
     small::{Setup, settings, steps},
     trial::{Solved, Trial},
 };
@@ -41,14 +45,11 @@ impl Study for Uncertain {
     fn run(&self, bench: &Bench<'_>) -> Result<Evidence, StudyError> {
         let mut first = None;
         let draws = bench.each(0..bench.of_scale(DRAWS), |seed| {
-            let trial = Setup {
+            let setup = Setup {
                 seed,
                 ..Setup::of(bench.scale)
-            }
-            .trial(bench, "balls")?;
-            let settings = settings(bench, &trial, seed);
-            let solved = bench.reconstructed(&trial, &format!("draw {seed}"), &settings)?;
-            let draw = Draw::new(&trial, &solved)?;
+            };
+            let (trial, draw) = draw(bench, setup, &format!("draw {seed}"))?;
             // Noise differs from draw to draw, the truth does not.
             first.get_or_insert(trial);
             Ok(draw)
@@ -57,12 +58,24 @@ impl Study for Uncertain {
         match first {
             Some(trial) if draws.len() > 1 => {
                 let quantities = Quantity::all(&trial, &draws);
-                let edges = Edges::new(&quantities[1].spread, &trial)?;
-                Ok(evidence(bench, &quantities, &draws, &edges))
+                let albedo = &quantities[1].spread;
+                let edges = Edges::new(albedo, &trial)?;
+                let truths = Truths::new(bench, &trial, &draws, albedo)?;
+                let misplaced = Misplaced::new(albedo, edges, truths);
+                Ok(evidence(bench, &quantities, &draws, &misplaced))
             }
             _ => Err(bench.nothing("at least two draws")),
         }
     }
+}
+
+/// A capture, and what comes of it with its seed of noise for the solver as well.
+fn draw(bench: &Bench<'_>, setup: Setup, label: &str) -> Result<(Trial, Draw), StudyError> {
+    let trial = setup.trial(bench, "balls")?;
+    let settings = settings(bench, &trial, setup.seed);
+    let solved = bench.reconstructed(&trial, label, &settings)?;
+    let draw = Draw::new(&trial, &solved)?;
+    Ok((trial, draw))
 }
 
 /// One draw of noise and what came of it.
@@ -137,17 +150,6 @@ impl Quantity {
         let light = &trial.light;
         let grid = LatLong::new(light.height, light.width);
         let of = |of: fn(&Draw) -> &Values| draws.iter().map(of).collect::<Vec<_>>();
-
-        let albedo: Vec<f32> = trial
-            .truth
-            .albedo
-            .iter()
-            .flat_map(|truth| &truth.albedo.data)
-            .copied()
-            .collect();
-        let object = trial.truth.albedo.iter().flat_map(|truth| &truth.object);
-        let object = object.flat_map(|&object| [f64::from(u8::from(object)); 3]);
-
         let masks = trial.truth.occluders.as_deref().unwrap_or_default();
         let dark = light.data.chunks_exact(3).enumerate().map(|(texel, rgb)| {
             f64::from(grid.solid_angle(texel / grid.columns) * rgb.iter().sum::<f32>())
@@ -177,7 +179,7 @@ impl Quantity {
                 shown: "the map of light",
             },
             Self {
-                spread: Spread::new(ALBEDO, &albedo, object.collect(), &of(|d| &d.albedo)),
+                spread: albedo_spread(trial, &of(|d| &d.albedo)),
                 shape: frame,
                 shown: "the first photograph's albedo",
             },
@@ -190,15 +192,23 @@ impl Quantity {
     }
 }
 
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
+/// Of what each pixel of all photographs sees, where the object covers it wholly.
+fn albedo_spread(trial: &Trial, draws: &[&Values]) -> Spread {
+    let truth = || trial.truth.albedo.iter();
+    let albedo: Vec<f32> = truth()
+        .flat_map(|truth| &truth.albedo.data)
+        .copied()
+        .collect();
+    let object = truth().flat_map(|truth| &truth.object);
+    let object = object.flat_map(|&object| [f64::from(u8::from(object)); 3]);
+    Spread::new(ALBEDO, &albedo, object.collect(), draws)
 }
 
 fn evidence(
     bench: &Bench<'_>,
     quantities: &[Quantity; 3],
     draws: &[Draw],
-    edges: &Edges,
+    misplaced: &Misplaced,
 ) -> Evidence {
     let over = |of: &dyn Fn(&Draw) -> f64| mean(&draws.iter().map(of).collect::<Vec<_>>());
     let cost = over(&|d| d.cost);
@@ -224,9 +234,9 @@ fn evidence(
             listed(&spreads().map(Spread::size).collect::<Vec<_>>()),
             draws.len(),
             listed(&spreads().map(|s| 100.0 * s.within[1]).collect::<Vec<_>>()),
-            why(&failures, known, edges)
+            why(&failures, known, misplaced)
         ),
-        numbers: numbers(spreads(), draws.len(), cost, known, edges),
+        numbers: numbers(spreads(), draws.len(), cost, known, misplaced),
         figures: quantities.iter().flat_map(figures).collect(),
         details: vec![format!(
             "{}. For a normal distribution 68 and 95 % lie within one and two deviations. They took {} % of the solve's time.",
@@ -258,7 +268,7 @@ fn numbers<'a>(
     draws: usize,
     cost: f64,
     known: [f64; 2],
-    edges: &Edges,
+    misplaced: &Misplaced,
 ) -> Value {
     let mut numbers = Map::new();
     numbers.insert("draws".into(), json!(draws));
@@ -274,22 +284,22 @@ fn numbers<'a>(
             numbers.insert(format!("{}_{what}", spread.name), json!(value));
         }
     }
-    numbers.insert(
-        "albedo_share_of_pixels_at_edges".into(),
-        json!(edges.shares[0]),
-    );
-    numbers.insert(
-        "albedo_share_of_squared_error_at_edges".into(),
-        json!(edges.shares[1]),
-    );
-    numbers.insert(
-        "albedo_rank_correlation_if_drawn".into(),
-        json!(edges.drawn),
-    );
-    numbers.insert(
-        "albedo_rank_correlation_of_error_elsewhere".into(),
-        json!(edges.elsewhere),
-    );
+    let edges = &misplaced.edges;
+    for (what, value) in [
+        ("share_of_pixels_at_edges", edges.shares[0]),
+        ("share_of_squared_error_at_edges", edges.shares[1]),
+        ("rank_correlation_of_error_elsewhere", edges.elsewhere),
+        ("rank_correlation_if_drawn", misplaced.drawn),
+    ] {
+        numbers.insert(format!("{ALBEDO}_{what}"), json!(value));
+    }
+    if let Some(truths) = &misplaced.truths {
+        numbers.insert("scenes".into(), json!(truths.scenes));
+        numbers.insert(
+            "albedo_rank_correlation_over_scenes".into(),
+            json!(truths.place),
+        );
+    }
     numbers.insert("share_of_solve_time".into(), json!(cost));
     numbers.insert("known_numbers".into(), json!(known[0]));
     numbers.insert("known_numbers_at_most".into(), json!(known[1]));
@@ -305,19 +315,19 @@ fn listed_names<'a>(spreads: impl Iterator<Item = &'a Spread>) -> String {
 }
 
 /// What failed of which quantity, each with what was measured that explains it.
-fn why(failures: &[(&str, Failure)], known: [f64; 2], edges: &Edges) -> String {
+fn why(failures: &[(&str, Failure)], known: [f64; 2], misplaced: &Misplaced) -> String {
     let parts = failures.iter().map(|(name, failure)| {
         format!(
             "{} ({})",
             failure.words,
-            cause(name, failure.kind, known, edges)
+            cause(name, failure.kind, known, misplaced)
         )
     });
     let parts: Vec<(String, bool)> = parts.map(|words| (words, false)).collect();
     but(&parts)
 }
 
-fn cause(name: &str, kind: Kind, known: [f64; 2], edges: &Edges) -> String {
+fn cause(name: &str, kind: Kind, known: [f64; 2], misplaced: &Misplaced) -> String {
     match kind {
         // A short solve counts what it had no time to find as unknown.
         Kind::Small if known[1] > UNFINISHED * known[0] => format!(
@@ -325,7 +335,7 @@ fn cause(name: &str, kind: Kind, known: [f64; 2], edges: &Edges) -> String {
             number(known[0]),
             number(known[1])
         ),
-        Kind::Misplaced if name == ALBEDO => edges.why(),
+        Kind::Misplaced if name == ALBEDO => misplaced.why(),
         _ => "the cause was not found; deviations know nothing of what the model leaves out"
             .to_owned(),
     }
@@ -401,17 +411,20 @@ mod tests {
 
     #[test]
     fn each_failure_is_told_with_its_own_cause() {
-        let edges = Edges {
-            shares: [0.1, 0.6],
-            elsewhere: 0.5,
+        let misplaced = Misplaced {
+            edges: Edges {
+                shares: [0.1, 0.6],
+                elsewhere: 0.5,
+            },
             drawn: 0.2,
+            truths: None,
         };
         let told = |failures: &[(&'static str, Kind)], known| {
             let failures = failures.iter().map(|&(name, kind)| {
                 let words = format!("errors of the {name} are wrong");
                 (name, Failure { kind, words })
             });
-            why(&failures.collect::<Vec<_>>(), known, &edges)
+            why(&failures.collect::<Vec<_>>(), known, &misplaced)
         };
         assert_eq!(told(&[], [10.0, 90.0]), "");
         let short = told(&[("masks", Kind::Small)], [10.0, 90.0]);

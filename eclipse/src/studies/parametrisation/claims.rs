@@ -129,9 +129,14 @@ impl Claim {
             self.held().filter(|held| *held).count(),
             self.held().count(),
         );
-        match (self.parts.len(), tested) {
+        let all = self.parts.len();
+        let untested = match all - tested {
+            0 => String::new(),
+            n => format!(", {n} not tested"),
+        };
+        match (all, tested) {
             (1, _) | (_, 0) => self.name.to_owned(),
-            (_, tested) => format!("{} ({held} of {tested} objects)", self.name),
+            _ => format!("{} ({held} of {all} objects{untested})", self.name),
         }
     }
 
@@ -190,23 +195,24 @@ pub(super) fn in_short(claims: &[Claim]) -> String {
             .collect();
         let names: Vec<String> = those.iter().map(|claim| claim.in_short()).collect();
         let why = match outcome {
-            None => reasons(&those),
-            Some(_) => String::new(),
+            Some(true) => String::new(),
+            _ => reasons(&those),
         };
         (!those.is_empty()).then(|| format!("{words}: {}{why}", names.join(", ")))
     });
     parts.collect::<Vec<_>>().join("; ")
 }
 
-/// Every reason why `claims` were not tested, once, in a bracket.
+/// Every reason why `claims` did not hold or were not tested, once.
 fn reasons(claims: &[&Claim]) -> String {
     let mut all: Vec<&str> = Vec::new();
-    for part in claims.iter().flat_map(|claim| &claim.parts) {
+    let parts = claims.iter().flat_map(|claim| &claim.parts);
+    for part in parts.filter(|part| part.held != Some(true)) {
         if !all.contains(&part.why) {
             all.push(part.why);
         }
     }
-    format!(" ({})", all.join("; "))
+    format!(" – {}", all.join(", "))
 }
 
 impl Part {
@@ -337,7 +343,10 @@ mod tests {
         let unknown = "not on the wreath: the cause was not found";
         assert!(words.contains(unknown), "{words}");
         let short = in_short(&found);
-        assert_eq!(short, "not held: harmonics of masks (3 of 4 objects)");
+        assert_eq!(
+            short,
+            "not held: harmonics of masks (3 of 4 objects) – the cause was not found"
+        );
 
         let wreath = rows
             .iter_mut()
@@ -361,6 +370,10 @@ mod tests {
         assert_eq!(claim.held().collect::<Vec<_>>(), [true; 3]);
         let outcomes: Vec<_> = claim.outcomes().collect();
         assert_eq!(outcomes, [Some(true), Some(true), Some(true), None]);
+        assert_eq!(
+            in_short(std::slice::from_ref(claim)),
+            "held: harmonics of masks (3 of 4 objects, 1 not tested)"
+        );
         let words = claim.words();
         assert!(
             words.contains(
@@ -377,7 +390,7 @@ mod tests {
         assert_eq!(claim.held().count(), 0);
         assert_eq!(
             in_short(&claims(&rows)),
-            "not tested: harmonics of masks (the full model was cut short)"
+            "not tested: harmonics of masks – the full model was cut short"
         );
         assert!(
             claim

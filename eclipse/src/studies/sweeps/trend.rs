@@ -1,7 +1,10 @@
 //! What the paper says of trends along the sweeps, and everything in short.
 
 use super::{Curve, LAMPS, PERSON, ROUGHNESS, no_help, outcome};
-use crate::{report::text::number, studies::evidence::listed};
+use crate::{
+    report::text::number,
+    studies::evidence::{listed, mean},
+};
 
 /// A part of the claim beyond "better with somebody than with nobody": what is less at one end of a sweep than at the other, in every
 /// seed.
@@ -45,10 +48,7 @@ impl Trend {
         };
         let mut pairs = large.iter().zip(small);
         let held = pairs.all(|(a, b)| a > b && (!gain || *a > 0.0));
-        let means: Vec<f64> = all
-            .iter()
-            .map(|v| v.iter().sum::<f64>() / v.len() as f64)
-            .collect();
+        let means: Vec<f64> = all.iter().map(|seeds| mean(seeds)).collect();
         let values: Vec<f64> = curve.sweep.points.iter().map(|point| point.0).collect();
         let word = outcome(held);
         Some(Self {
@@ -143,11 +143,12 @@ fn failures(curve: &Curve) -> String {
         let seeds = pairs.iter().filter(|pair| no_help(pair)).count();
         (seeds > 0).then(|| {
             format!(
-                "{} ({seeds} of {} seeds, {} against {})",
+                "{} ({seeds} of {} seeds, {} against {}; {})",
                 number(*value),
                 pairs.len(),
                 number(with),
-                number(without)
+                number(without),
+                curve.why_at(*value)
             )
         })
     });

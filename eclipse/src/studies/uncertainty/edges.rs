@@ -3,11 +3,8 @@
 use glam::Vec3;
 use render::bvh::Bvh;
 
-use super::spread::{CORRELATED, Spread};
-use crate::{
-    report::text::number,
-    studies::{StudyError, trial::Trial},
-};
+use super::spread::Spread;
+use crate::studies::{StudyError, trial::Trial};
 
 /// Neighbours whose normals differ by more, as a cosine, are of two surfaces or of a rim.
 const TURNED: f32 = 0.7;
@@ -18,8 +15,6 @@ pub(super) struct Edges {
     pub shares: [f64; 2],
     /// Rank correlation of errors and deviations elsewhere.
     pub elsewhere: f64,
-    /// That of errors that are drawn from the deviations, everywhere.
-    pub drawn: f64,
 }
 
 impl Edges {
@@ -30,28 +25,7 @@ impl Edges {
         Ok(Self {
             shares: spread.shares(&at),
             elsewhere: spread.without(&at).place(),
-            drawn: spread.place_if_drawn(),
         })
-    }
-
-    /// Whether they are why errors of the albedo are not where its deviations are large.
-    pub(super) fn why(&self) -> String {
-        let [pixels, error] = self.shares.map(|share| number(100.0 * share));
-        format!(
-            "elsewhere than beside rims and contacts, {pixels} % of pixels with {error} % of the squared error, its rank correlation is {}: these \
-             are {} cause; errors drawn from the deviations themselves would have {}: {}",
-            number(self.elsewhere),
-            match self.elsewhere > CORRELATED {
-                true => "the",
-                false => "not the",
-            },
-            number(self.drawn),
-            match self.drawn > CORRELATED {
-                true if self.elsewhere > CORRELATED => "that deviations are alike is none",
-                true => "that deviations are alike is none either, and the cause was not found",
-                false => "deviations are too much alike to tell by one truth, which is a cause",
-            }
-        )
     }
 }
 
@@ -102,33 +76,5 @@ mod tests {
         ];
         let edges: Vec<usize> = (0..15).filter(|&p| is_edge(&normals, 5, p)).collect();
         assert_eq!(edges, [2, 3, 7, 8, 11, 12, 13]);
-    }
-
-    #[test]
-    fn edges_are_the_cause_where_the_rest_is_in_order() {
-        let with = |elsewhere, drawn| {
-            let edges = Edges {
-                shares: [0.1, 0.6],
-                elsewhere,
-                drawn,
-            };
-            edges.why()
-        };
-        let blamed = with(0.5, 0.6);
-        assert!(
-            blamed.contains("10 % of pixels with 60 % of the squared error"),
-            "{blamed}"
-        );
-        assert!(blamed.contains("these are the cause"), "{blamed}");
-        assert!(
-            blamed.ends_with("that deviations are alike is none"),
-            "{blamed}"
-        );
-        assert!(with(0.3, 0.6).ends_with("the cause was not found"));
-        for elsewhere in [0.3, f64::NAN] {
-            let other = with(elsewhere, 0.2);
-            assert!(other.contains("these are not the cause"), "{other}");
-            assert!(other.ends_with("which is a cause"), "{other}");
-        }
     }
 }
