@@ -304,8 +304,8 @@ fn full_model(rows: &[Row]) -> String {
         }
     };
     format!(
-        "The full model's masks get {} times as much light wrong as is blocked (none at all 1) after the best common factor, {}; its light is \
-         off by {}, without occluders in the model by {}, the best constant map by {}",
+        "The full model's masks get {} times as much light wrong as is blocked (none at all 1; after the best factor common to them, which is {}); its \
+         light is off by {}, without occluders in the model by {}, the best constant map by {}",
         of(Variant::Full, |s| s.masks),
         of(Variant::Full, |s| s.factor),
         of(Variant::Full, |s| s.light),
