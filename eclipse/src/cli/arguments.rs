@@ -83,7 +83,7 @@ pub(super) struct ReadingArguments {
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
     pub up: Option<UpAxis>,
     /// Longest side of photographs, in pixels: larger ones, and their masks, are reduced by means over areas [default: none is; study real
-    /// reduces them to 320, with --glance to 96].
+    /// reduces them to 320, with --glance to 96, but with --full not].
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..))]
     pub max_size: Option<u32>,
     /// Folder in which the photographs of a COLMAP model lie; it may be anywhere [default: images in the capture's folder].

@@ -176,8 +176,8 @@ impl Curve {
         // After a stop only those that were solved.
         sweep.points.truncate(outcomes.len());
         let misfit = outcomes.iter().map(|seeds| {
-            let sum: f64 = seeds.iter().map(|pair| pair[0].misfit).sum();
-            sum / seeds.len() as f64
+            let of_seeds: Vec<f64> = seeds.iter().map(|pair| pair[0].misfit).collect();
+            mean(&of_seeds)
         });
         let errors = outcomes.iter().map(|seeds| {
             let pairs = seeds.iter().map(|pair| pair.map(|outcome| outcome.error));

@@ -117,19 +117,24 @@ impl Claim {
         self.parts.iter().map(|part| part.held)
     }
 
+    /// On how many objects it held, was tested, and was looked at.
+    fn tally(&self) -> [usize; 3] {
+        [
+            self.held().filter(|held| *held).count(),
+            self.held().count(),
+            self.parts.len(),
+        ]
+    }
+
     /// Whether it held on every object where it was tested, if it was on any.
     fn held_everywhere(&self) -> Option<bool> {
-        let all: Vec<bool> = self.held().collect();
-        (!all.is_empty()).then(|| all.iter().all(|held| *held))
+        let [held, tested, _] = self.tally();
+        (tested > 0).then_some(held == tested)
     }
 
     /// In a few words, with the objects where there are several.
     fn in_short(&self) -> String {
-        let (held, tested) = (
-            self.held().filter(|held| *held).count(),
-            self.held().count(),
-        );
-        let all = self.parts.len();
+        let [held, tested, all] = self.tally();
         let untested = match all - tested {
             0 => String::new(),
             n => format!(", {n} not tested"),
@@ -142,18 +147,16 @@ impl Claim {
 
     /// Whether and on how many objects it held, and on how many it was not tested.
     fn count(&self) -> String {
-        let all = self.held().count();
-        let held = self.held().filter(|&held| held).count();
-        let parts = self.parts.len();
+        let [held, tested, parts] = self.tally();
         let mut words = match (held, parts) {
-            _ if all == 0 => return "not tested".to_owned(),
+            _ if tested == 0 => return "not tested".to_owned(),
             (1, 1) => "held".to_owned(),
             (0, 1) => "not held".to_owned(),
             _ if held == parts => format!("held on all {parts} objects"),
             _ => format!("held on {held} of {parts} objects"),
         };
-        if all < parts {
-            words += &format!(", not tested on {}", parts - all);
+        if tested < parts {
+            words += &format!(", not tested on {}", parts - tested);
         }
         words
     }
